@@ -1,0 +1,223 @@
+"""The run configuration: every parameter with its unit, default, range and effect.
+
+`docs` of these fields are the parameter reference (``CONFIGURATION.md``, see `panoloc_mcl.config.reference`).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from panoloc_mcl.config.validation import StrictModel
+
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+Positive = Annotated[float, Field(gt=0.0)]
+NonNegative = Annotated[float, Field(ge=0.0)]
+
+
+class InitialPose(StrictModel):
+    """A start pose with standard deviations."""
+
+    x: float = Field(description="Position in the map frame, m.")
+    y: float = Field(description="Position in the map frame, m.")
+    heading_deg: float = Field(description="Heading, counter-clockwise from the map's x axis, degrees.")
+    sd_position_m: NonNegative = Field(0.2, le=1e3, description="Standard deviation of x and of y, m.")
+    sd_heading_deg: NonNegative = Field(5.0, le=180.0, description="Standard deviation of the heading, degrees.")
+
+
+class MotionSettings(StrictModel):
+    """How far odometry is trusted. Standing still adds no noise at all."""
+
+    rotation_noise_from_rotation: NonNegative = Field(
+        0.1, le=10.0, description="Heading noise per radian turned, rad/rad (alpha1 of Thrun et al., as a standard deviation)."
+    )
+    rotation_noise_from_translation: NonNegative = Field(
+        0.05, le=10.0, description="Heading noise per metre driven, rad/m (alpha2)."
+    )
+    translation_noise_from_translation: NonNegative = Field(
+        0.15, le=10.0, description="Position noise along and across the way per metre driven, m/m (alpha3)."
+    )
+    translation_noise_from_rotation: NonNegative = Field(
+        0.02, le=10.0, description="Position noise per radian turned, m/rad (alpha4)."
+    )
+    image_only_speed_m_s: Positive = Field(
+        0.5, le=50.0, description="Speed up to which the robot may drive where no odometry is known, m/s."
+    )
+    image_only_turn_rate_deg_s: Positive = Field(
+        45.0, le=3600.0, description="Rate up to which the robot may turn where no odometry is known, degrees/s."
+    )
+    max_extrapolation_s: NonNegative = Field(
+        0.5, le=60.0, description="How long the last odometry is carried on at constant speed when it is older than the image, s."
+    )
+    buffer_s: Positive = Field(30.0, le=3600.0, description="How much odometry is kept for late images, s.")
+
+
+class VotesSettings(StrictModel):
+    """The default observation model: votes in an eigenspace of locally normalised gradients."""
+
+    gradient: Literal["doubled_angle", "signed"] = Field(
+        "doubled_angle",
+        description="Local orientation that is compared. doubled_angle: edges whose contrast flips between day and night "
+        "still agree; signed: contrast counts.",
+    )
+    contrast_floor: Positive = Field(
+        4.0, le=255.0, description="Gradients well below this many grey levels per pixel count little (the c of |z| / (|z| + c))."
+    )
+    smoothing_px: NonNegative = Field(1.0, le=20.0, description="Standard deviation of the Gaussian before the gradient, pixels.")
+    median: bool = Field(True, description="3x3 median before everything else: keeps single bad pixels out of the gradients.")
+    mask_dark: Annotated[int, Field(ge=-1, le=254)] = Field(
+        2, description="Pixels at or below this grey level carry no information; -1 = keep all."
+    )
+    mask_bright: Annotated[int, Field(ge=1, le=256)] = Field(
+        253, description="Pixels at or above this grey level carry no information; 256 = keep all."
+    )
+    components: Annotated[int, Field(ge=1, le=100_000)] | None = Field(
+        None, description="Eigenimages kept; null = all that the references span, at most 200."
+    )
+    vote_width: Positive = Field(
+        0.7, le=3.2, description="Width sigma of the voting function exp(-d^2 / 2 sigma^2) over the angle d, radians (paper: 0.3)."
+    )
+    sharpness: Positive = Field(
+        20.0,
+        le=1e4,
+        description="Log-likelihood between a particle with the best vote and one with none. High: certain at once; low: cautious.",
+    )
+    full_match: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
+        0.2, description="Cosine of a match that is trusted in full; images whose best match is weaker sharpen the belief less."
+    )
+    min_visible: Share = Field(
+        0.05, description="An image with a smaller share of usable pixels says nothing and is skipped."
+    )
+
+
+class PaperSettings(StrictModel):
+    """The voting of Steinbauer & Bischof (2004), sections 2 and 3.2, as printed."""
+
+    components: Annotated[int, Field(ge=1, le=100_000)] = Field(15, description="Eigenimages p of the grey-level eigenspace.")
+    hypotheses: Annotated[int, Field(ge=1, le=10_000)] = Field(50, description="Random subsets of pixels, each one hypothesis.")
+    pixels: Annotated[int, Field(ge=2, le=1_000_000)] = Field(1000, description="Pixels a hypothesis starts from.")
+    trim_keep: Annotated[float, Field(gt=0.0, lt=1.0)] = Field(
+        0.8, description="Share of the pixels with the smallest residuals kept in each trimming step (Leonardis & Bischof)."
+    )
+    trim_to: Annotated[int, Field(ge=2, le=1_000_000)] = Field(300, description="Trimming ends at this many pixels (20 p).")
+    vote_width: Positive = Field(0.3, le=3.2, description="Width sigma of the voting function over the angle, radians.")
+    heading_step_deg: Annotated[float, Field(gt=0.0, le=90.0)] = Field(
+        4.0, description="Step of the headings that are voted on when all are asked for (Monte Carlo mode), degrees."
+    )
+    sharpness: Positive = Field(20.0, le=1e4, description="Log-likelihood of a particle per vote share (Monte Carlo mode).")
+
+
+class ObservationSettings(StrictModel):
+    """What an image says about the pose."""
+
+    model: Literal["votes", "paper"] = Field(
+        "votes", description="votes: all headings at once, stands changing light; paper: the paper's voting as printed."
+    )
+    votes: VotesSettings = Field(default_factory=VotesSettings, description="Settings of the model `votes`.")
+    paper: PaperSettings = Field(default_factory=PaperSettings, description="Settings of the model `paper`.")
+
+
+class RecoverySettings(StrictModel):
+    """Particles drawn from the vote field: global localization, and the way back after being carried away."""
+
+    min_share: Share = Field(0.02, description="Share of the particles drawn from every informative image.")
+    max_share: Share = Field(0.5, description="Largest share, at the start with nothing known and when images stop fitting.")
+    slow: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
+        0.05, description="Decay of the slow average of how well images fit (alpha_slow of augmented MCL)."
+    )
+    fast: Annotated[float, Field(gt=0.0, le=1.0)] = Field(0.5, description="Decay of the fast average (alpha_fast).")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> RecoverySettings:
+        if self.min_share > self.max_share:
+            raise ValueError(f"min_share {self.min_share} is above max_share {self.max_share}; lower it")
+        if self.slow >= self.fast:
+            raise ValueError(f"slow {self.slow} must be below fast {self.fast}")
+        return self
+
+
+class MonteCarloSettings(StrictModel):
+    """The particle filter over position and heading."""
+
+    particles: Annotated[int, Field(ge=10, le=20_000_000)] = Field(2000, description="Particles. More: surer start, slower.")
+    resample_below: Share = Field(0.5, description="Resample when N_eff falls below this share of the particles.")
+    floor: Annotated[float, Field(ge=0.0, lt=1.0)] = Field(
+        0.005, description="Uniform part of the likelihood, so that no single image can kill the truth."
+    )
+    recovery: RecoverySettings = Field(default_factory=RecoverySettings, description="Proposals drawn from the vote field.")
+
+
+class KalmanSettings(StrictModel):
+    """The paper's orientation tracker (section 3), the baseline."""
+
+    headings: Annotated[int, Field(ge=1, le=1000)] = Field(5, description="Headings M drawn from the prediction per image.")
+    measurement_noise_deg: Positive = Field(
+        4.0, le=180.0, description="Standard deviation of the heading measured by an image, degrees; constant, as in the paper."
+    )
+    min_sd_deg: Positive = Field(1.0, le=180.0, description="Least standard deviation the headings are drawn with, degrees.")
+
+
+class StatusSettings(StrictModel):
+    """When the localizer calls itself converged, ambiguous or lost."""
+
+    converged_mass: Share = Field(0.8, description="Converged: the largest cluster holds more than this share of the weight, …")
+    converged_spread_m: Positive = Field(0.5, le=1e3, description="… spreads less than this (standard deviation), m, …")
+    converged_spread_deg: Positive = Field(10.0, le=180.0, description="… and less than this, degrees.")
+    ambiguous_mass: Share = Field(0.2, description="Ambiguous: two or more clusters hold more than this share each.")
+    lost_match: Share = Field(
+        0.05, description="Lost: after having been converged, the running share of the best vote that the particles explain falls below this."
+    )
+
+
+class GateSettings(StrictModel):
+    """Images are left out until the robot has moved; both 0 = every image counts."""
+
+    distance_m: NonNegative = Field(0.0, le=1e3, description="Distance driven that opens the gate, m.")
+    angle_deg: NonNegative = Field(0.0, le=360.0, description="Turn that opens the gate, degrees.")
+
+
+class LocalizerSettings(StrictModel):
+    """The localizer: which filter, from what start, and its parts."""
+
+    mode: Literal["monte_carlo", "kalman_orientation"] = Field(
+        "monte_carlo", description="monte_carlo: particle filter; kalman_orientation: the paper's tracker, the baseline."
+    )
+    initial: Literal["uniform", "known_heading", "known_pose"] | InitialPose = Field(
+        "uniform",
+        description="uniform: nothing known; known_heading, known_pose: from the ground truth of the sequence; "
+        "or a mapping x, y, heading_deg, sd_position_m, sd_heading_deg.",
+    )
+    monte_carlo: MonteCarloSettings = Field(default_factory=MonteCarloSettings, description="Settings of `monte_carlo`.")
+    kalman_orientation: KalmanSettings = Field(
+        default_factory=KalmanSettings, description="Settings of `kalman_orientation`."
+    )
+    motion: MotionSettings = Field(default_factory=MotionSettings, description="Odometry and its noise.")
+    status: StatusSettings = Field(default_factory=StatusSettings, description="Thresholds of the status.")
+    gate: GateSettings = Field(default_factory=GateSettings, description="Motion gate.")
+
+
+class KidnapSettings(StrictModel):
+    """Carrying the robot away: sequences of one light are cut and spliced, odometry silent."""
+
+    every_frames: Annotated[int, Field(ge=0, le=1_000_000)] = Field(
+        0, description="Frames between two kidnaps; 0 = never."
+    )
+
+
+class RunConfig(StrictModel):
+    """One run: a data set, a map, a localizer, what to write."""
+
+    name: str = Field("run", min_length=1, max_length=80, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", description="Folder name under `out`.")
+    dataset: str = Field("room", min_length=1, description="Path of a data set, or the name of an embedded one (`room`).")
+    sequences: Literal["all"] | list[str] = Field("all", description="`all`, or a list of names or globs such as `noon_*`.")
+    map: Path | None = Field(None, description="A map file made by `panoloc build-map`; null = build from the references, cached.")
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(0, description="Seed of everything random.")
+    runs: Annotated[int, Field(ge=1, le=1_000_000)] = Field(
+        1, description="How often each sequence is run, with seeds seed, seed + 1, …"
+    )
+    out: Path = Field(Path("results"), description="Folder the results folder is made in.")
+    observation: ObservationSettings = Field(default_factory=ObservationSettings, description="The observation model.")
+    localizer: LocalizerSettings = Field(default_factory=LocalizerSettings, description="The localizer.")
+    kidnap: KidnapSettings = Field(default_factory=KidnapSettings, description="Kidnapping.")

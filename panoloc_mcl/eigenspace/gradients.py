@@ -1,0 +1,78 @@
+"""Locally normalised gradients: local orientation, whatever the light.
+
+A linear gradient filter removes a global gain and offset only. Dividing every gradient by its own length (plus a contrast floor)
+removes gain that varies over the room; doubling its angle removes the sign of the contrast, so that a window that is bright by day
+and dark by night keeps its edge. The eigenspace of such images is that of image gradient orientations (Tzimiropoulos, Zafeiriou &
+Pantic, "Subspace learning from image gradient orientations", TPAMI 2012).
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from panoloc_mcl.camera import Panorama
+from panoloc_mcl.config.model import VotesSettings
+
+Complex64 = NDArray[np.complex64]
+Bool = NDArray[np.bool_]
+
+
+def pad_circular(image: NDArray[np.float32], margin: int) -> NDArray[np.float32]:
+    """Add ``margin`` columns on both sides that continue the image across its seam; ``margin`` may exceed the width."""
+    return np.pad(image, ((0, 0), (margin, margin)), mode="wrap")
+
+
+def orientations(panorama: Panorama, settings: VotesSettings) -> tuple[Complex64, Bool]:
+    """Locally normalised gradients of a panorama.
+
+    Parameters
+    ----------
+    panorama : Panorama
+        Canonical, grey levels 0..255.
+    settings : VotesSettings
+
+    Returns
+    -------
+    z : complex64 (rows, columns)
+        z / (|z| + c) for ``signed``, z^2 / (|z|^2 + c^2) for ``doubled_angle``, where z = g_x + i g_y in grey levels per pixel; 0
+        where masked.
+    usable : bool (rows, columns)
+        False where a dark, saturated or unseen pixel, or the upper or lower rim, reaches into the gradient.
+    """
+    rows, columns = panorama.pixels.shape
+    # The Gaussian is cut at 3 sigma; the median and the difference reach one pixel further each.
+    reach = int(np.ceil(3.0 * settings.smoothing_px))
+    margin = reach + 2
+    grey = pad_circular(panorama.pixels, margin)
+    if settings.median:
+        grey = cv2.medianBlur(grey, 3)
+    # After the median a single black or white pixel is gone and needs no mask.
+    bad = ((grey <= settings.mask_dark) | (grey >= settings.mask_bright)).astype(np.uint8)
+    if panorama.valid is not None:
+        bad |= np.pad(~panorama.valid, ((0, 0), (margin, margin)), mode="wrap").astype(np.uint8)
+    if settings.smoothing_px > 0.0:
+        size = 2 * reach + 1
+        grey = cv2.GaussianBlur(grey, (size, size), settings.smoothing_px)
+    inner = slice(margin, margin + columns)
+    # ksize=1 is the plain central difference; halved, it is in grey levels per pixel.
+    gx = cv2.Sobel(grey, cv2.CV_32F, 1, 0, ksize=1, scale=0.5)[:, inner]
+    gy = cv2.Sobel(grey, cv2.CV_32F, 0, 1, ksize=1, scale=0.5)[:, inner]
+    squared = gx * gx + gy * gy
+    floor = np.float32(settings.contrast_floor)
+    z = np.empty((rows, columns), dtype=np.complex64)
+    if settings.gradient == "doubled_angle":
+        scale = 1.0 / (squared + floor * floor)
+        z.real = (gx * gx - gy * gy) * scale
+        z.imag = 2.0 * gx * gy * scale
+    else:
+        scale = 1.0 / (np.sqrt(squared) + floor)
+        z.real = gx * scale
+        z.imag = gy * scale
+    # What a bad pixel reaches with noticeable weight: two pixels for the usual Gaussian of one pixel.
+    spread = 1 + int(round(settings.smoothing_px))
+    usable = cv2.dilate(bad, np.ones((2 * spread + 1, 2 * spread + 1), np.uint8))[:, inner] == 0
+    usable[0] = usable[-1] = False
+    z[~usable] = 0.0
+    return z, usable

@@ -1,0 +1,44 @@
+"""Errors a user can mend. The command line prints them as single lines and exits with code 2."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+
+class PanolocError(Exception):
+    """Root of every known error; carries one or more faults, each a single line.
+
+    Parameters
+    ----------
+    faults : str or iterable of str
+        One line a fault: where (file, row or key), what was found, and the remedy.
+    """
+
+    def __init__(self, faults: str | Iterable[str]) -> None:
+        lines = [faults] if isinstance(faults, str) else list(faults)
+        self.faults: Sequence[str] = tuple(" ".join(line.split()) for line in lines)
+        super().__init__("\n".join(self.faults))
+
+
+class ConfigError(PanolocError):
+    """A configuration or a YAML file that cannot be used."""
+
+
+class DatasetError(PanolocError):
+    """A data set that breaks the layout, or whose files cannot be read."""
+
+
+class CameraError(PanolocError):
+    """A camera description that is impossible, or that does not fit the images."""
+
+
+class ImageError(PanolocError):
+    """An image that cannot be used: unreadable, of another size or type than the camera delivers."""
+
+
+class MapError(PanolocError):
+    """A map that cannot be built, read, or used with this camera or configuration."""
+
+
+class ResultsError(PanolocError):
+    """A results folder that is incomplete, foreign, or cannot be written."""

@@ -1,0 +1,19 @@
+"""Filters: odometry and vote fields in, a belief about the pose out. They never see an image."""
+
+from __future__ import annotations
+
+from panoloc_mcl.filters.base import PoseFilter, Start
+from panoloc_mcl.filters.estimate import Cluster, Estimate, FilterState, Status
+from panoloc_mcl.filters.kalman_orientation import KalmanOrientationFilter
+from panoloc_mcl.filters.monte_carlo import MonteCarloFilter
+
+__all__ = [
+    "Cluster",
+    "Estimate",
+    "FilterState",
+    "KalmanOrientationFilter",
+    "MonteCarloFilter",
+    "PoseFilter",
+    "Start",
+    "Status",
+]

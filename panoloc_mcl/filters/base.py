@@ -1,0 +1,57 @@
+"""The one interface of the filters, and what they may know at the start."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from panoloc_mcl.filters.estimate import FilterState
+from panoloc_mcl.motion import Motion
+from panoloc_mcl.observation.field import VoteField
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Start:
+    """What is known at the start; None = nothing.
+
+    Parameters
+    ----------
+    position : (float, float) or None
+        Metres, map frame.
+    heading : float or None
+        Radians.
+    sd_position : float
+        Standard deviation of x and of y, metres.
+    sd_heading : float
+        Radians.
+    """
+
+    position: tuple[float, float] | None = None
+    heading: float | None = None
+    sd_position: float = 0.2
+    sd_heading: float = math.radians(5.0)
+
+
+class PoseFilter(Protocol):
+    """A belief about the pose that odometry moves and vote fields sharpen."""
+
+    def propagate(self, motion: Motion) -> None:
+        """Move the belief by odometry."""
+
+    def heading_hypotheses(self, offset: Motion | None) -> Float64 | None:
+        """Headings that the next image should be voted at, radians; None = all around the circle.
+
+        ``offset`` is the motion from the belief's time to the image's when the image is late.
+        """
+
+    def update(self, votes: VoteField, offset: Motion | None) -> None:
+        """Take in what an image says; ``offset`` as above."""
+
+    def state(self) -> FilterState:
+        """The belief now."""

@@ -1,0 +1,74 @@
+"""Maps that runs built, kept under the hash of everything they depend on."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import warnings
+from pathlib import Path
+
+import platformdirs
+
+from panoloc_mcl.camera import to_mapping
+from panoloc_mcl.config.model import ObservationSettings
+from panoloc_mcl.datasets import Dataset
+from panoloc_mcl.errors import MapError
+from panoloc_mcl.observation import settings_of
+from panoloc_mcl.observation.base import Progress, no_progress
+from panoloc_mcl.panorama_map import FORMAT, PanoramaMap
+
+# Counts up whenever the same settings give another map.
+_REVISION = 1
+
+
+def cache_folder() -> Path:
+    """Where built maps are kept: PANOLOC_CACHE_DIR, or the user's cache folder."""
+    chosen = os.environ.get("PANOLOC_CACHE_DIR")
+    root = Path(chosen) if chosen else platformdirs.user_cache_path("panoloc_mcl")
+    return root / "maps"
+
+
+def cached_map(
+    dataset: Dataset, observation: ObservationSettings, seed: int, progress: Progress = no_progress
+) -> PanoramaMap:
+    """The map of a data set: from the cache if it was built before, else built and kept.
+
+    A cache that cannot be written costs a warning and the time to build, never the run.
+
+    Raises
+    ------
+    MapError, DatasetError, ImageError
+        As `PanoramaMap.build`.
+    """
+    path = cache_folder() / f"{dataset.name}-{_key(dataset, observation, seed)}.panomap"
+    if path.is_file():
+        try:
+            return PanoramaMap.load(path)
+        except MapError as error:
+            warnings.warn(f"cached map left aside: {error}", RuntimeWarning, stacklevel=2)
+    built = PanoramaMap.build(dataset, observation, seed, progress)
+    try:
+        built.save(path)
+    except MapError as error:
+        warnings.warn(f"map not kept for the next run: {error}", RuntimeWarning, stacklevel=2)
+    return built
+
+
+def _key(dataset: Dataset, observation: ObservationSettings, seed: int) -> str:
+    references = dataset.references
+    digest = hashlib.sha256()
+    description = {
+        "format": FORMAT,
+        "revision": _REVISION,
+        "camera": to_mapping(references.camera),
+        "poses": references.poses.tolist(),
+        "files": [file.name for file in references.files],
+        "model": observation.model,
+        "settings": settings_of(observation).model_dump(mode="json"),
+        "seed": seed,
+    }
+    digest.update(json.dumps(description, sort_keys=True).encode())
+    for file in references.files:
+        digest.update(hashlib.sha256(file.read_bytes()).digest())
+    return digest.hexdigest()[:24]

@@ -1,0 +1,5 @@
+"""Odometry: a buffer that answers for any time, and the noise of the way between two times."""
+
+from panoloc_mcl.motion.odometry import Motion, OdometryBuffer
+
+__all__ = ["Motion", "OdometryBuffer"]

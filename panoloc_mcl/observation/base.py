@@ -1,0 +1,51 @@
+"""The one interface of all observation models: an image in, votes over headings and places out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from panoloc_mcl.camera import Panorama
+from panoloc_mcl.observation.field import VoteField
+from panoloc_mcl.observation.places import Places
+from panoloc_mcl.references import ReferencePanoramas
+
+Arrays = Mapping[str, NDArray[Any]]
+# Called with (done, total, what) while something long goes on.
+Progress = Callable[[int, int, str], None]
+
+
+def no_progress(done: int, total: int, what: str) -> None:
+    """Report nothing."""
+
+
+class ObservationModel(Protocol):
+    """Turns an image into a vote field. Knows nothing of filters, odometry or time."""
+
+    name: str
+    places: Places
+
+    @classmethod
+    def build(cls, references: ReferencePanoramas, settings: Any, seed: int, progress: Progress = no_progress) -> Self:
+        """Compute everything that voting needs from the references."""
+
+    @classmethod
+    def restore(cls, references: ReferencePanoramas, settings: Any, arrays: Arrays) -> Self:
+        """Take up what `arrays` gave when the map was built."""
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """What a map file keeps, so that loading computes nothing anew."""
+
+    def observe(self, panorama: Panorama, headings: NDArray[np.float64] | None = None) -> VoteField:
+        """Votes of one image.
+
+        Parameters
+        ----------
+        panorama : Panorama
+            Canonical, of the references' size.
+        headings : float64 (h,), optional
+            Radians; None = all around the circle.
+        """

@@ -1,0 +1,129 @@
+"""The vote field: what one image says about every heading at every place. A particle is a look-up in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from panoloc_mcl.geometry import angle_difference, wrap_angle
+from panoloc_mcl.kernels.particles import read_field
+from panoloc_mcl.observation.places import Places
+
+Float64 = NDArray[np.float64]
+Float32 = NDArray[np.float32]
+
+# A rival is somewhere else: at least this far from the best cell, in place spacings or in degrees.
+_RIVAL_SPACINGS = 1.6
+_RIVAL_DEG = 20.0
+
+
+@dataclass(frozen=True)
+class Peak:
+    """The best cell of a vote field.
+
+    Parameters
+    ----------
+    place : int
+    heading : float
+        Radians; between the field's headings where they are equally spaced.
+    votes : float
+    margin : float
+        Votes ahead of the best rival elsewhere, as a share of ``votes``; 0 = a tie, 1 = no rival at all.
+    """
+
+    place: int
+    heading: float
+    votes: float
+    margin: float
+
+
+@dataclass(frozen=True, eq=False)
+class VoteField:
+    """Votes over headings and places.
+
+    Parameters
+    ----------
+    votes : float32 (h, k)
+        In [0, 1].
+    headings : float64 (h,)
+        Radians. Either equally spaced over the circle from 0, or those that were asked for.
+    places : Places
+        The k places.
+    sharpness : float
+        Log-likelihood per vote.
+    full_circle : bool
+        The headings are equally spaced over the circle, so the field can be read anywhere.
+    problem : str
+        Why the image carries no information ("image is black"); empty when it does. Votes are then all 0.
+    """
+
+    votes: Float32
+    headings: Float64
+    places: Places
+    sharpness: float
+    full_circle: bool = True
+    problem: str = ""
+
+    @property
+    def informative(self) -> bool:
+        """Whether the image says anything."""
+        return not self.problem
+
+    def read(self, poses: Float64) -> Float32:
+        """Votes at poses (n, 3), interpolated over heading and place; 0 off the map. float32 (n,)."""
+        raster = self.places.raster
+        return read_field(
+            poses, self.votes, raster.neighbours, raster.weights, *raster.origin, raster.cell, raster.shape[1], raster.shape[0]
+        )
+
+    @cached_property
+    def peak(self) -> Peak:
+        """The best heading and place, and its lead over the best rival elsewhere."""
+        flat = int(np.argmax(self.votes))
+        row, place = divmod(flat, self.votes.shape[1])
+        best = float(self.votes[row, place])
+        near_heading = np.abs(angle_difference(self.headings, self.headings[row])) <= np.radians(_RIVAL_DEG)
+        offsets = self.places.positions - self.places.positions[place]
+        near_place = np.hypot(offsets[:, 0], offsets[:, 1]) <= _RIVAL_SPACINGS * self.places.spacing
+        rival = 0.0
+        if not near_heading.all():
+            rival = float(self.votes[~near_heading].max())
+        if not near_place.all():
+            rival = max(rival, float(self.votes[:, ~near_place].max()))
+        margin = (best - rival) / best if best > 0.0 else 0.0
+        return Peak(place, self._between_headings(row, place), best, margin)
+
+    def _between_headings(self, row: int, place: int) -> float:
+        heading = float(self.headings[row])
+        count = len(self.headings)
+        if not self.full_circle or count < 3:
+            return heading
+        before, here, after = (float(self.votes[(row + step) % count, place]) for step in (-1, 0, 1))
+        curvature = before - 2.0 * here + after
+        # Top of the parabola through the three headings around the best.
+        offset = 0.5 * (before - after) / curvature if curvature < 0.0 else 0.0
+        return float(wrap_angle(heading + offset * 2.0 * np.pi / count))
+
+    def sample(self, count: int, rng: np.random.Generator) -> Float64:
+        """Poses drawn in proportion to the likelihood of the cells, spread over their cell. float64 (count, 3)."""
+        log_likelihood = self.sharpness * self.votes.ravel().astype(np.float64)
+        cumulative = np.cumsum(np.exp(log_likelihood - log_likelihood.max()))
+        cells = np.minimum(
+            np.searchsorted(cumulative, rng.random(count) * cumulative[-1], side="right"), len(cumulative) - 1
+        )
+        rows, places = np.divmod(cells, self.votes.shape[1])
+        step = 2.0 * np.pi / len(self.headings)
+        poses = np.empty((count, 3))
+        # Half a spacing of standard deviation covers the way to the neighbours, whose own votes weigh the result.
+        poses[:, :2] = self.places.positions[places] + rng.normal(0.0, 0.35 * self.places.spacing, (count, 2))
+        poses[:, 2] = wrap_angle(self.headings[rows] + rng.normal(0.0, max(step, np.radians(1.0)), count))
+        return poses
+
+
+def silent_field(headings: Float64, places: Places, problem: str, full_circle: bool) -> VoteField:
+    """The field of an image that says nothing: all votes 0, and why."""
+    votes = np.zeros((len(headings), len(places)), dtype=np.float32)
+    return VoteField(votes, headings, places, sharpness=0.0, full_circle=full_circle, problem=problem)

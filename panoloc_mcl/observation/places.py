@@ -1,0 +1,116 @@
+"""The places of a map: where they are, which are neighbours, and how votes are read between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+Float64 = NDArray[np.float64]
+
+_NEIGHBOURS = 4
+_CELLS_PER_SPACING = 20
+_MAX_CELLS = 4_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class PlaceRaster:
+    """For every cell of a raster over the map, the places around it and their weights (see `Places.raster`)."""
+
+    origin: tuple[float, float]
+    cell: float
+    shape: tuple[int, int]
+    neighbours: NDArray[np.int32]
+    weights: NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Positions that votes are given to.
+
+    Parameters
+    ----------
+    positions : float64 (k, 2)
+        Metres, map frame.
+    """
+
+    positions: Float64
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    @cached_property
+    def spacing(self) -> float:
+        """Median distance of a place to its nearest neighbour, metres; 1.0 for a single place."""
+        if len(self) < 2:
+            return 1.0
+        distances, _ = self._tree.query(self.positions, k=2)
+        spacing = float(np.median(distances[:, 1]))
+        return spacing if spacing > 0.0 else 1.0
+
+    @property
+    def reach(self) -> float:
+        """How far from a place the map still holds, metres: one spacing, so that the middle of a grid's cell is covered."""
+        return self.spacing
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(self.positions)
+
+    def nearest(self, positions: Float64) -> NDArray[np.int64]:
+        """Index of the place nearest to each position (n, 2)."""
+        return np.asarray(self._tree.query(positions)[1], dtype=np.int64)
+
+    @cached_property
+    def raster(self) -> PlaceRaster:
+        """The look-up that a particle reads.
+
+        Weights are those of Franke & Little (modified Shepard): ``(R - d) / (R d)`` with R the distance of the first place that is
+        no longer used, so they are continuous where the set of neighbours changes, and 1 at the place itself. Cells farther from
+        every place than `reach` are off the map and have weight 0.
+        """
+        low = self.positions.min(axis=0) - self.reach
+        high = self.positions.max(axis=0) + self.reach
+        cell = self.spacing / _CELLS_PER_SPACING
+        cell = max(cell, float(np.sqrt(np.prod(high - low) / _MAX_CELLS)))
+        columns, rows = (int(n) for n in np.maximum(np.ceil((high - low) / cell), 1))
+        x = low[0] + (np.arange(columns) + 0.5) * cell
+        y = low[1] + (np.arange(rows) + 0.5) * cell
+        centres = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        wanted = min(_NEIGHBOURS + 1, len(self))
+        distances, indices = self._tree.query(centres, k=wanted)
+        distances, indices = distances.reshape(len(centres), wanted), indices.reshape(len(centres), wanted)
+        used = min(_NEIGHBOURS, len(self))
+        # With as few places as neighbours there is no first unused one; the weights then end a little beyond the reach.
+        radius = distances[:, used : used + 1] if wanted > used else np.maximum(distances[:, -1:], self.reach) * 1.5
+        near = np.maximum(distances[:, :used], 1e-6)
+        weights = np.maximum(radius - near, 0.0) / (radius * near)
+        totals = weights.sum(axis=1, keepdims=True)
+        # Neighbours all exactly as far as the first unused one: equal weights.
+        weights = np.where(totals > 0.0, weights / np.where(totals > 0.0, totals, 1.0), 1.0 / used)
+        weights[distances[:, 0] > self.reach] = 0.0
+        return PlaceRaster(
+            origin=(float(low[0]), float(low[1])),
+            cell=cell,
+            shape=(rows, columns),
+            neighbours=np.ascontiguousarray(indices[:, :used], dtype=np.int32),
+            weights=np.ascontiguousarray(weights, dtype=np.float32),
+        )
+
+    def sample_uniform(self, count: int, rng: np.random.Generator) -> Float64:
+        """Positions drawn uniformly over the map, float64 (count, 2), metres."""
+        raster = self.raster
+        cells = np.flatnonzero(raster.weights[:, 0] + raster.weights.sum(axis=1) > 0.0)
+        chosen = cells[rng.integers(len(cells), size=count)]
+        rows, columns = np.divmod(chosen, raster.shape[1])
+        offset = rng.random((count, 2))
+        x = raster.origin[0] + (columns + offset[:, 0]) * raster.cell
+        y = raster.origin[1] + (rows + offset[:, 1]) * raster.cell
+        return np.stack([x, y], axis=-1)
+
+    def contains(self, positions: Float64) -> NDArray[np.bool_]:
+        """Which positions (n, 2) lie on the map, bool (n,)."""
+        return np.asarray(self._tree.query(positions)[0] <= self.reach)

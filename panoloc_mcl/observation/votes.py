@@ -1,0 +1,252 @@
+"""The default model: all headings at once in an eigenspace of locally normalised gradients.
+
+Turning the robot shifts the columns of its panorama, so the projections of the image at *all* headings on an eigenimage are one
+circular correlation along the rows: a product of spectra, summed over the rows, and one inverse FFT an eigenimage. The cosine
+between the image's and a place's coefficients (eq. 4 of the paper) follows for all headings by one matrix product. Its norms are
+those of the overlap of both images' usable pixels, so what is masked in either does not count, and the cosine becomes a vote by
+the paper's voting function (eq. 3).
+"""
+
+from __future__ import annotations
+
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from panoloc_mcl.camera import Panorama
+from panoloc_mcl.config.model import VotesSettings
+from panoloc_mcl.eigenspace.gradients import orientations
+from panoloc_mcl.eigenspace.pca import principal_components, spanned
+from panoloc_mcl.errors import MapError
+from panoloc_mcl.observation.base import Arrays, Progress, no_progress
+from panoloc_mcl.observation.field import VoteField, silent_field
+from panoloc_mcl.observation.places import Places
+from panoloc_mcl.references import ReferencePanoramas
+
+Float32 = NDArray[np.float32]
+Complex64 = NDArray[np.complex64]
+
+_DEFAULT_COMPONENTS = 100
+# Energies vary slowly over the image: blocks of about this many rows and columns are fine enough for the norms.
+_POOL = 5
+
+
+class VotesModel:
+    """Votes over all headings and places of the map (model ``votes``).
+
+    Parameters
+    ----------
+    places : Places
+    settings : VotesSettings
+    spectra : complex64 (columns, p, rows)
+        Conjugate row spectra of the eigenimages, frequency first.
+    coefficients : complex64 (k, p)
+        Of the places.
+    energy : float32 (k, r, c)
+        Squared magnitude of the places' normalised gradients, summed over blocks of pixels.
+    usable : float32 (k, r, c)
+        Share of the pixels of each block that is not masked.
+    kept : float
+        Share of the references' energy that the eigenimages hold.
+    """
+
+    name = "votes"
+
+    def __init__(
+        self,
+        places: Places,
+        settings: VotesSettings,
+        spectra: Complex64,
+        coefficients: Complex64,
+        energy: Float32,
+        usable: Float32,
+        kept: float,
+    ) -> None:
+        self.places = places
+        self.settings = settings
+        self.kept = kept
+        self._spectra = spectra
+        self._coefficients = coefficients
+        self._energy, self._usable = energy, usable
+        # Re(conj(a) b) as one real product: [Re a, Im a] . [Re b, Im b].
+        self._coefficients_real = np.hstack([coefficients.real, coefficients.imag]).astype(np.float32)
+        self._energy_spectra = _block_spectra(energy)
+        self._usable_spectra = _block_spectra(usable)
+        columns = spectra.shape[0]
+        self._headings = 2.0 * np.pi * np.arange(columns) / columns
+        self._blocks = energy.shape[1:]
+
+    @classmethod
+    def build(
+        cls, references: ReferencePanoramas, settings: VotesSettings, seed: int = 0, progress: Progress = no_progress
+    ) -> Self:
+        """Compute the eigenspace of the references.
+
+        Raises
+        ------
+        MapError
+            A reference without usable texture, or more eigenimages asked for than there are.
+        """
+        count = len(references)
+        rows, columns = references.geometry.shape
+        blocks = _blocks_of(rows, columns)
+        images = np.empty((count, rows * columns), dtype=np.complex64)
+        energy = np.empty((count, *blocks), dtype=np.float32)
+        usable = np.empty_like(energy)
+        textureless = []
+        for index in range(count):
+            z, mask = orientations(references.panorama(index), settings)
+            images[index] = z.ravel()
+            energy[index] = _pooled(_squared_magnitude(z), blocks)
+            usable[index] = _pooled(mask.astype(np.float32), blocks) / _pooled(np.ones((rows, columns), np.float32), blocks)
+            if energy[index].sum() < 1e-3 * rows * columns:
+                textureless.append(references.names[index])
+            progress(index + 1, count, "reference features")
+        if textureless:
+            raise MapError(
+                f"reference {name}: has no texture (black, saturated or constant); take it out of poses.csv" for name in textureless
+            )
+        wanted = settings.components
+        if wanted is None:
+            wanted = min(_DEFAULT_COMPONENTS, spanned(images))
+        eigenspace = principal_components(images, wanted, "observation.votes.components")
+        spectra = np.empty((columns, wanted, rows), dtype=np.complex64)
+        for index, eigenimage in enumerate(eigenspace.eigenimages):
+            spectra[:, index, :] = fft.fft(eigenimage.reshape(rows, columns), axis=1).conj().T
+        return cls(
+            Places(references.positions), settings, spectra, eigenspace.coefficients, energy, usable, eigenspace.kept
+        )
+
+    @classmethod
+    def restore(cls, references: ReferencePanoramas, settings: VotesSettings, arrays: Arrays) -> Self:
+        """Take up the arrays of a map file."""
+        return cls(
+            Places(references.positions),
+            settings,
+            arrays["spectra"],
+            arrays["coefficients"],
+            arrays["energy"],
+            arrays["usable"],
+            float(arrays["kept"][0]),
+        )
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """What a map file keeps."""
+        return {
+            "spectra": self._spectra,
+            "coefficients": self._coefficients,
+            "energy": self._energy,
+            "usable": self._usable,
+            "kept": np.array([self.kept]),
+        }
+
+    def observe(self, panorama: Panorama, headings: NDArray[np.float64] | None = None) -> VoteField:
+        """Votes of one image (see `ObservationModel.observe`)."""
+        z, mask = orientations(panorama, self.settings)
+        problem = self._problem(panorama, z, mask)
+        if problem:
+            asked = self._headings if headings is None else headings
+            return silent_field(asked, self.places, problem, headings is None)
+        cosines = self._correlations(z) / self._norms(z, mask)
+        votes = vote_of_cosine(cosines, self.settings.vote_width)
+        # Votes count relative to the best one: it falls with the distance to the next place, in all lights alike.
+        weakest = vote_of_cosine(np.float32(self.settings.full_match), self.settings.vote_width)
+        sharpness = self.settings.sharpness / max(float(votes.max()), float(weakest))
+        if headings is None:
+            return VoteField(votes, self._headings, self.places, sharpness)
+        return VoteField(_at_headings(votes, headings), headings, self.places, sharpness, full_circle=False)
+
+    def _problem(self, panorama: Panorama, z: Complex64, mask: NDArray[np.bool_]) -> str:
+        visible = float(mask.mean())
+        if visible < self.settings.min_visible:
+            brightness = float(np.median(panorama.pixels))
+            if brightness <= self.settings.mask_dark:
+                what = "image is black"
+            elif brightness >= self.settings.mask_bright:
+                what = "image is saturated"
+            else:
+                what = "image is mostly masked"
+            return f"{what}: {100.0 * visible:.0f} % of its pixels are usable"
+        if float(_squared_magnitude(z).mean()) < 1e-3:
+            return "image has no texture"
+        return ""
+
+    def _correlations(self, z: Complex64) -> Float32:
+        """Inner products of the turned image with every place's reconstruction, float32 (headings, k)."""
+        spectrum = np.ascontiguousarray(fft.fft(z, axis=1).T)
+        projections = np.matmul(self._spectra, spectrum[:, :, None])[:, :, 0]
+        turned = fft.ifft(projections, axis=0)
+        turned_real = np.hstack([turned.real, turned.imag]).astype(np.float32, copy=False)
+        return np.asarray(turned_real @ self._coefficients_real.T, dtype=np.float32)
+
+    def _norms(self, z: Complex64, mask: NDArray[np.bool_]) -> Float32:
+        """Product of both images' norms over the pixels usable in both, float32 (headings, k)."""
+        energy = _pooled(_squared_magnitude(z), self._blocks)
+        pixels = _pooled(np.ones(z.shape, np.float32), self._blocks)
+        usable = _pooled(mask.astype(np.float32), self._blocks) / pixels
+        columns = self._blocks[1]
+        mine = _block_correlation(_block_spectra(energy), self._usable_spectra, columns)
+        theirs = _block_correlation(_block_spectra(usable), self._energy_spectra, columns)
+        # An overlap with less than a hundredth of the energy says nothing; it must not be blown up.
+        mine = np.maximum(mine, 0.01 * energy.sum())
+        theirs = np.maximum(theirs, 0.01 * self._energy.sum(axis=(1, 2))[None, :])
+        return _stretched(np.sqrt(mine * theirs), z.shape[1])
+
+
+def vote_of_cosine(cosines: Float32, width: float) -> Float32:
+    """The paper's voting function (eq. 3) of the angle whose cosine is given; 0 for negative cosines.
+
+    Parameters
+    ----------
+    cosines : float32, any shape
+    width : float
+        Sigma, radians.
+
+    Returns
+    -------
+    float32, same shape, in [0, 1]
+    """
+    angle = np.arccos(np.clip(cosines, 0.0, 1.0))
+    return np.asarray(np.exp(angle * angle * np.float32(-0.5 / width**2)), dtype=np.float32)
+
+
+def _at_headings(votes: Float32, headings: NDArray[np.float64]) -> Float32:
+    count = len(votes)
+    position = np.asarray(headings) * count / (2.0 * np.pi)
+    lower = np.floor(position).astype(np.int64)
+    fraction = (position - lower).astype(np.float32)[:, None]
+    return np.asarray((1.0 - fraction) * votes[lower % count] + fraction * votes[(lower + 1) % count], dtype=np.float32)
+
+
+def _squared_magnitude(z: Complex64) -> Float32:
+    return np.asarray(z.real * z.real + z.imag * z.imag, dtype=np.float32)
+
+
+def _blocks_of(rows: int, columns: int) -> tuple[int, int]:
+    return max(1, rows // _POOL), max(4, columns // _POOL)
+
+
+def _pooled(image: Float32, blocks: tuple[int, int]) -> Float32:
+    """Sums over blocks of rows and columns of about equal size."""
+    starts = [np.linspace(0, size, count, endpoint=False).astype(np.int64) for size, count in zip(image.shape, blocks, strict=True)]
+    return np.asarray(np.add.reduceat(np.add.reduceat(image, starts[0], axis=0), starts[1], axis=1), dtype=np.float32)
+
+
+def _block_spectra(blocks: Float32) -> Complex64:
+    return np.asarray(fft.rfft(blocks, axis=-1), dtype=np.complex64)
+
+
+def _block_correlation(image: Complex64, places: Complex64, columns: int) -> Float32:
+    """Circular correlation along the columns, summed over the rows: float32 (columns, k)."""
+    product = np.einsum("rf,krf->fk", image, places.conj())
+    return np.asarray(fft.irfft(product, n=columns, axis=0), dtype=np.float32)
+
+
+def _stretched(coarse: Float32, count: int) -> Float32:
+    """Linear interpolation along the first axis, which is a circle, to ``count`` samples."""
+    position = np.arange(count) * (len(coarse) / count)
+    lower = position.astype(np.int64)
+    fraction = (position - lower).astype(np.float32)[:, None]
+    return np.asarray((1.0 - fraction) * coarse[lower] + fraction * coarse[(lower + 1) % len(coarse)], dtype=np.float32)

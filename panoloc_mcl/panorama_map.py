@@ -1,0 +1,250 @@
+"""The map: reference panoramas, and everything that an observation model precomputed from them, in one file.
+
+The file is a safetensors container: raw arrays behind a JSON header, read without executing anything, checked for truncation at load,
+mapped into memory as it is, and readable from other languages. (HDF5 is a bigger dependency for the same arrays; npz has no place
+for settings but pickled objects or arrays of text.)
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save as safetensors_bytes
+
+from panoloc_mcl.camera import Camera, PanoramaGeometry, Unwrapper, camera_from_mapping, geometry_of, to_mapping
+from panoloc_mcl.config.model import ObservationSettings
+from panoloc_mcl.datasets import Dataset, read_image
+from panoloc_mcl.errors import DatasetError, MapError, PanolocError
+from panoloc_mcl.files import write_atomically
+from panoloc_mcl.observation import MODELS, ObservationModel, Places, settings_of
+from panoloc_mcl.observation.base import Arrays, Progress, no_progress
+from panoloc_mcl.references import ReferencePanoramas
+
+FORMAT = "panoloc-map/1"
+_LEAST_SEEN = 0.5
+_HEIGHT_TOLERANCE = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class PanoramaMap:
+    """A map of one place.
+
+    Parameters
+    ----------
+    name : str
+        Of the data set it was built from.
+    references : ReferencePanoramas
+    camera : PanoramaCamera or OmniCamera
+        That took the references.
+    image_size : (int, int)
+        Width and height of its images, pixels.
+    observation : ObservationSettings
+        The model and the settings that were precomputed.
+    seed : int
+        For models that draw random pixels.
+    arrays : mapping of str to ndarray
+        What that model precomputed.
+    """
+
+    name: str
+    references: ReferencePanoramas
+    camera: Camera
+    image_size: tuple[int, int]
+    observation: ObservationSettings
+    seed: int
+    arrays: Arrays
+
+    @classmethod
+    def build(
+        cls,
+        dataset: Dataset,
+        observation: ObservationSettings | None = None,
+        seed: int = 0,
+        progress: Progress = no_progress,
+    ) -> Self:
+        """Build a map from the references of a data set.
+
+        Parameters
+        ----------
+        dataset : Dataset
+        observation : ObservationSettings, optional
+            Which model to precompute, and how; the default model if left out.
+        seed : int
+        progress : callable (done, total, what)
+
+        Raises
+        ------
+        MapError, DatasetError, ImageError
+            References that cannot be read or used; settings that ask for more than they give.
+        """
+        observation = observation or ObservationSettings()
+        references = read_references(dataset, progress)
+        model = MODELS[observation.model].build(references, settings_of(observation), seed, progress)
+        source = dataset.references
+        return cls(dataset.name, references, source.camera, source.image_size, observation, seed, model.arrays())
+
+    @property
+    def places(self) -> Places:
+        """Where the references were taken."""
+        return Places(self.references.positions)
+
+    @property
+    def geometry(self) -> PanoramaGeometry:
+        """Of the canonical panoramas that the map compares."""
+        return self.references.geometry
+
+    def observation_model(self, observation: ObservationSettings | None = None) -> ObservationModel:
+        """The observation model: restored if it was built with these settings, otherwise computed from the references."""
+        observation = observation or self.observation
+        settings = settings_of(observation)
+        model = MODELS[observation.model]
+        if observation.model == self.observation.model and settings == settings_of(self.observation):
+            return model.restore(self.references, settings, self.arrays)
+        return model.build(self.references, settings, self.seed)
+
+    def unwrapper(self, camera: Camera | None = None, image_size: tuple[int, int] | None = None) -> Unwrapper:
+        """From a camera's images to the panoramas that this map compares.
+
+        Raises
+        ------
+        MapError
+            The camera sees too little of what the map shows, or from another height.
+        """
+        if camera is None:
+            return Unwrapper(self.camera, image_size or self.image_size, self.geometry)
+        mine, theirs = self.references.camera_height_m, camera.height_m
+        if mine is not None and theirs is not None and abs(theirs - mine) > _HEIGHT_TOLERANCE * mine:
+            raise MapError(
+                f"map '{self.name}': built with the camera {mine} m above the floor, this camera is at height_m = {theirs}; "
+                "build a map with this camera's height"
+            )
+        unwrapper = Unwrapper(camera, image_size or self.image_size, self.geometry)
+        seen = 1.0 if unwrapper.valid is None else float(unwrapper.valid.mean())
+        if seen < _LEAST_SEEN:
+            raise MapError(
+                f"map '{self.name}': built for another camera: this one sees {100 * seen:.0f} % of the map's "
+                f"panoramas (elevation {self.geometry.elevation_bottom_deg} to {self.geometry.elevation_top_deg} degrees); build "
+                "a map with a camera that sees the same elevations"
+            )
+        return unwrapper
+
+    def save(self, path: str | Path) -> None:
+        """Write the map, whole or not at all.
+
+        Raises
+        ------
+        MapError
+            The file cannot be written.
+        """
+        references = self.references
+        tensors: dict[str, NDArray[Any]] = {
+            "references.pixels": references.pixels,
+            "references.positions": references.positions,
+            **{f"model.{name}": np.ascontiguousarray(array) for name, array in self.arrays.items()},
+        }
+        if references.valid is not None:
+            tensors["references.valid"] = references.valid
+        geometry = references.geometry
+        header = {
+            "name": self.name,
+            "camera": to_mapping(self.camera),
+            "image_size": list(self.image_size),
+            "elevation_deg": [geometry.elevation_bottom_deg, geometry.elevation_top_deg],
+            "files": list(references.names),
+            "observation": self.observation.model_dump(mode="json"),
+            "seed": self.seed,
+        }
+        metadata = {"format": FORMAT, "map": json.dumps(header, sort_keys=True)}
+        try:
+            write_atomically(Path(path), safetensors_bytes(tensors, metadata))
+        except PanolocError as error:
+            raise MapError(error.faults) from error
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read a map.
+
+        Raises
+        ------
+        MapError
+            Missing, truncated, not a map, or of a newer format.
+        """
+        path = Path(path)
+        if not path.is_file():
+            raise MapError(f"{path}: no such map file; build one with: panoloc build-map DATASET -o {path}")
+        try:
+            with safe_open(path, framework="numpy") as container:
+                metadata = container.metadata() or {}
+                tensors = {name: container.get_tensor(name) for name in container.keys()}  # noqa: SIM118
+        except (SafetensorError, OSError) as error:
+            raise MapError(f"{path}: not a map file, or cut short ({error}); build it again with panoloc build-map") from error
+        if metadata.get("format") != FORMAT:
+            raise MapError(f"{path}: format is '{metadata.get('format')}', this version reads '{FORMAT}'; build the map again")
+        try:
+            return cls._from_file(json.loads(metadata["map"]), tensors, str(path))
+        except (KeyError, ValueError, TypeError, PanolocError) as error:
+            raise MapError(f"{path}: the map's header is damaged ({error}); build it again with panoloc build-map") from error
+
+    @classmethod
+    def _from_file(cls, header: dict[str, Any], tensors: dict[str, NDArray[Any]], source: str) -> Self:
+        pixels = tensors["references.pixels"]
+        camera = camera_from_mapping(header["camera"], source)
+        references = ReferencePanoramas(
+            pixels=pixels,
+            valid=tensors.get("references.valid"),
+            positions=tensors["references.positions"],
+            names=tuple(header["files"]),
+            geometry=PanoramaGeometry(pixels.shape[2], pixels.shape[1], *header["elevation_deg"]),
+            camera_height_m=camera.height_m,
+        )
+        return cls(
+            header["name"],
+            references,
+            camera,
+            (header["image_size"][0], header["image_size"][1]),
+            ObservationSettings.model_validate(header["observation"]),
+            header["seed"],
+            {name.removeprefix("model."): array for name, array in tensors.items() if name.startswith("model.")},
+        )
+
+
+def read_references(dataset: Dataset, progress: Progress = no_progress) -> ReferencePanoramas:
+    """Read the references of a data set as canonical panoramas at heading 0.
+
+    Raises
+    ------
+    DatasetError, ImageError
+        No references, or images that cannot be used.
+    """
+    source = dataset.references
+    if len(source) == 0:
+        raise DatasetError(f"{source.path}: no references; a map needs at least one row in poses.csv")
+    geometry = geometry_of(source.camera, source.image_size)
+    pixels = np.empty((len(source), *geometry.shape), dtype=np.uint8)
+    valid: NDArray[np.bool_] | None = None
+    unwrappers: dict[float, Unwrapper] = {}
+    for index, (file, pose) in enumerate(zip(source.files, source.poses, strict=True)):
+        turn = -float(pose[2])
+        unwrap = unwrappers.get(turn) or Unwrapper(source.camera, source.image_size, geometry, turn)
+        if len(unwrappers) < 4:
+            # References usually share one heading; where each has its own, tables would only fill memory.
+            unwrappers[turn] = unwrap
+        panorama = unwrap(read_image(file))
+        pixels[index] = np.clip(np.rint(panorama.pixels), 0, 255)
+        if panorama.valid is not None:
+            valid = panorama.valid if valid is None else valid & panorama.valid
+        progress(index + 1, len(source), "references")
+    return ReferencePanoramas(
+        pixels=pixels,
+        valid=valid,
+        positions=np.ascontiguousarray(source.poses[:, :2]),
+        names=tuple(file.name for file in source.files),
+        geometry=geometry,
+        camera_height_m=source.camera.height_m,
+    )

@@ -1,0 +1,271 @@
+"""One run: data set, map, localizer over every sequence, figures, results folder."""
+
+from __future__ import annotations
+
+import os
+import platform
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from panoloc_mcl.config import RunConfig
+from panoloc_mcl.datasets import Dataset, read_dataset, read_image, resolve_dataset
+from panoloc_mcl.datasets import Sequence as Drive
+from panoloc_mcl.datasets.splice import splice
+from panoloc_mcl.errors import ConfigError, DatasetError, ImageError
+from panoloc_mcl.evaluation import SequenceRecord, evaluate
+from panoloc_mcl.filters import Estimate
+from panoloc_mcl.localizer import Localizer
+from panoloc_mcl.map_cache import cached_map
+from panoloc_mcl.observation import ObservationModel
+from panoloc_mcl.panorama_map import PanoramaMap
+from panoloc_mcl.report import ResultsWriter, render_report, render_summary
+
+
+class Monitor(Protocol):
+    """Is told how far a run has come."""
+
+    def progress(self, done: int, total: int, what: str) -> None:
+        """``done`` of ``total`` steps of ``what`` are over."""
+
+    def notice(self, text: str) -> None:
+        """Something that the user should read, but that stops nothing."""
+
+
+class SilentMonitor:
+    """Tells nobody."""
+
+    def progress(self, done: int, total: int, what: str) -> None:
+        """Ignore it."""
+
+    def notice(self, text: str) -> None:
+        """Ignore it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """One drive, and where on it the robot was teleported: bool (frames,)."""
+
+    drive: Drive
+    kidnapped: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What a finished run gave: its figures and its folder."""
+
+    metrics: dict[str, Any]
+    folder: Path
+
+
+def run(config: RunConfig, command: Sequence[str] = (), monitor: Monitor | None = None) -> Outcome:
+    """Localize over the sequences of a data set and write a results folder.
+
+    Parameters
+    ----------
+    config : RunConfig
+    command : sequence of str
+        The command line, to be noted in ``run.json``.
+    monitor : Monitor, optional
+
+    Raises
+    ------
+    PanolocError
+        Anything that the user can mend; nothing half-written is left that a reader could take for whole.
+    """
+    monitor = monitor or SilentMonitor()
+    dataset = read_dataset(resolve_dataset(config.dataset, lambda done, total: monitor.progress(done, total, "rendering")))
+    tasks = make_tasks(dataset, config)
+    panorama_map = find_map(dataset, config, monitor)
+    model = panorama_map.observation_model(config.observation)
+    check_tasks(tasks, panorama_map, config, monitor)
+    writer = ResultsWriter(config.out, config.name, datetime.now())
+    info = run_info(config, dataset, command)
+    writer.write_config(config.model_dump(mode="json"))
+    writer.write_run_info(info)
+    writer.write_places(panorama_map.references.names, panorama_map.references.positions)
+    records = []
+    for number, (task, repeat) in enumerate((task, repeat) for task in tasks for repeat in range(config.runs)):
+        record, steps = localize(task, repeat, panorama_map, model, config)
+        records.append(writer.write_run(record, steps))
+        monitor.progress(number + 1, len(tasks) * config.runs, "sequences")
+    metrics = evaluate(records, model.places.positions)
+    folder = writer.finish(
+        metrics,
+        summary=render_summary(metrics, info),
+        report=render_report(metrics, info, records, model.places.positions),
+    )
+    return Outcome(metrics, folder)
+
+
+def make_tasks(dataset: Dataset, config: RunConfig) -> list[Task]:
+    """The drives of a run: the selected sequences as they are, or spliced where the robot is kidnapped."""
+    selected = dataset.select(config.sequences)
+    if not selected:
+        raise DatasetError(f"{dataset.path}: has no sequences to run over; add some under sequences/")
+    if config.kidnap.every_frames == 0:
+        return [Task(drive, np.zeros(len(drive), dtype=np.bool_)) for drive in selected]
+    rng = np.random.default_rng((config.seed, zlib.crc32(b"kidnap")))
+    return [Task(drive, kidnapped) for drive, kidnapped in splice(selected, config.kidnap.every_frames, rng)]
+
+
+def find_map(dataset: Dataset, config: RunConfig, monitor: Monitor) -> PanoramaMap:
+    """The map that the configuration names, or that of the data set's references."""
+    if config.map is not None:
+        return PanoramaMap.load(config.map)
+    return cached_map(dataset, config.observation, config.seed, monitor.progress)
+
+
+def check_tasks(tasks: list[Task], panorama_map: PanoramaMap, config: RunConfig, monitor: Monitor) -> None:
+    """Find out before the first frame what would stop the run at a later one.
+
+    Raises
+    ------
+    MapError
+        The map does not fit a sequence's camera.
+    ConfigError
+        The start is to be known, but a sequence has no ground truth.
+    """
+    for task in tasks:
+        drive = task.drive
+        panorama_map.unwrapper(drive.camera, drive.image_size)
+        if drive.odometry is None:
+            monitor.notice(f"sequence {drive.name}: has no odometry, runs on images only")
+        if drive.groundtruth is None and config.localizer.initial in ("known_heading", "known_pose"):
+            raise ConfigError(
+                f"localizer.initial = {config.localizer.initial}: sequence {drive.name} has no ground truth to start from; "
+                "use uniform or a mapping x, y, heading_deg"
+            )
+
+
+def localize(
+    task: Task, repeat: int, panorama_map: PanoramaMap, model: ObservationModel, config: RunConfig
+) -> tuple[SequenceRecord, list[dict[str, Any]]]:
+    """Run the localizer over one drive.
+
+    Returns
+    -------
+    record : SequenceRecord
+        One row a frame that was answered.
+    steps : list of dict
+        The rows of ``steps.csv``.
+    """
+    drive = task.drive
+    start_pose = None
+    if drive.groundtruth is not None:
+        x, y, heading = (float(value) for value in drive.groundtruth.at(drive.times[0]))
+        start_pose = (x, y, heading)
+    localizer = Localizer(
+        panorama_map,
+        config,
+        camera=drive.camera,
+        image_size=drive.image_size,
+        start_pose=start_pose,
+        # By name, so that a sequence gives the same result whichever others are run with it.
+        seed=(config.seed + repeat, zlib.crc32(drive.name.encode())),
+        model=model,
+    )
+    frames: list[int] = []
+    estimates: list[Estimate] = []
+    for index, estimate in answers(localizer, drive):
+        frames.append(index)
+        estimates.append(estimate)
+    times = drive.times[frames]
+    record = SequenceRecord(
+        name=drive.name,
+        run=repeat,
+        times=times,
+        poses=np.array([estimate.pose for estimate in estimates]),
+        truth=None if drive.groundtruth is None else drive.groundtruth.at(times),
+        status=tuple(estimate.status.value for estimate in estimates),
+        best_place=np.array([estimate.best_place for estimate in estimates]),
+        step_ms=np.array([sum(estimate.stage_ms.values()) for estimate in estimates]),
+        kidnapped=_carried_over(task.kidnapped, frames),
+    )
+    return record, [step_row(estimate) for estimate in estimates]
+
+
+def answers(localizer: Localizer, drive: Drive) -> Iterator[tuple[int, Estimate]]:
+    """Feed a drive to a localizer in the order of time; yields frame indices with their estimates.
+
+    An image takes longer to arrive than an odometry measurement: it comes after the first measurement that is not older, so that the
+    motion up to it is known and not extrapolated.
+    """
+    odometry = drive.odometry
+    pending = 0
+    for index, (timestamp, file) in enumerate(zip(drive.times, drive.files, strict=True)):
+        while odometry is not None and pending < len(odometry) and (pending == 0 or odometry.times[pending - 1] < timestamp):
+            localizer.add_odometry(float(odometry.times[pending]), odometry.poses[pending])
+            pending += 1
+        try:
+            image: NDArray[Any] = read_image(file)
+        except ImageError:
+            # A frame that cannot be decoded is a bad frame like any other: skipped, counted, and named in the status.
+            image = np.empty((0, 0), dtype=np.uint8)
+        estimate = localizer.add_image(float(timestamp), image)
+        if estimate is not None:
+            yield index, replace(estimate, timestamp=float(timestamp))
+
+
+def step_row(estimate: Estimate) -> dict[str, Any]:
+    """One row of ``steps.csv``."""
+    state, best = estimate.state, estimate.clusters[0]
+    votes = estimate.vote_field
+    return {
+        "timestamp": estimate.timestamp,
+        "status": estimate.status.value,
+        "message": estimate.message,
+        "particles": state.particle_count,
+        "n_eff": state.effective_count,
+        "spread_m": best.spread_m,
+        "spread_deg": best.spread_deg,
+        "best_place": state.best_place,
+        "best_place_votes": state.best_place_votes,
+        "margin": votes.peak.margin if votes is not None and votes.informative else None,
+        "resampled": state.resampled,
+        "injected": state.injected,
+        **{f"ms_{stage}": spent for stage, spent in estimate.stage_ms.items()},
+    }
+
+
+def run_info(config: RunConfig, dataset: Dataset, command: Sequence[str]) -> dict[str, Any]:
+    """What ``run.json`` says of how a run came about."""
+    return {
+        "name": config.name,
+        "dataset": dataset.name,
+        "mode": config.localizer.mode,
+        "model": config.observation.model,
+        "initial": config.model_dump(mode="json")["localizer"]["initial"],
+        "seed": config.seed,
+        "runs": config.runs,
+        "sequences": config.sequences,
+        "command": list(command),
+        "started": datetime.now().isoformat(timespec="seconds"),
+        "machine": {"system": platform.system(), "processor": platform.machine(), "cores": os.cpu_count()},
+        "threads": int(os.environ.get("NUMBA_NUM_THREADS", os.cpu_count() or 1)),
+        "versions": {"python": platform.python_version()} | {name: _version(name) for name in _REPORTED},
+    }
+
+
+_REPORTED = ("panoloc-mcl", "numpy", "scipy", "numba", "opencv-python-headless")
+
+
+def _version(distribution: str) -> str:
+    try:
+        return version(distribution)
+    except PackageNotFoundError:
+        return "not installed"
+
+
+def _carried_over(kidnapped: NDArray[np.bool_], frames: list[int]) -> NDArray[np.bool_]:
+    """Teleports at frames that gave no answer count at the next one that did."""
+    count_before = np.concatenate([[0], np.cumsum(kidnapped)])
+    upto = count_before[np.array(frames) + 1]
+    return np.concatenate([[False], np.diff(upto) > 0])

@@ -1,0 +1,68 @@
+"""``report.html``: one file that needs nothing else, on a wide screen or a telephone, dark or light."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from panoloc_mcl.evaluation.record import SequenceRecord
+from panoloc_mcl.evaluation.tables import metrics_table, paper_table
+from panoloc_mcl.report import figures
+from panoloc_mcl.report.facts import DEFINITIONS, facts, title_of
+from panoloc_mcl.report.rendering import template
+from panoloc_mcl.report.selection import pictured
+
+#: Runs that get pictures; more make the file slow to open.
+MOST_PICTURES = 12
+
+
+@dataclass(frozen=True)
+class Picture:
+    """The pictures of one run, as ``<svg>`` elements, and how to call it."""
+
+    title: str
+    svgs: tuple[str, ...]
+
+
+def render_report(
+    metrics: Mapping[str, Any],
+    run_info: Mapping[str, Any],
+    records: Sequence[SequenceRecord],
+    place_positions: ArrayLike | None,
+) -> str:
+    """Text of ``report.html``.
+
+    Parameters
+    ----------
+    metrics : mapping
+        From ``evaluate``.
+    run_info : mapping
+        As for ``render_summary``.
+    records : sequence of SequenceRecord
+        Those of the metrics. Pictures show the first run of each sequence, of every group some when there are many.
+    place_positions : array_like of float, shape (P, 2), or None
+        Map frame, metres.
+    """
+    chosen = pictured(records, MOST_PICTURES)
+    places = np.zeros((0, 2)) if place_positions is None else np.asarray(place_positions, dtype=np.float64).reshape(-1, 2)
+    can_draw = figures.can_draw()
+    wide = metrics_table(metrics, by="sequences")
+    return template("report.html.j2").render(
+        title=title_of(run_info),
+        facts=facts(run_info),
+        tables=[table for table in (metrics_table(metrics), paper_table(metrics)) if table is not None],
+        by_sequence=wide if len(metrics["sequences"]) > 1 else None,
+        can_draw=can_draw,
+        pictures=[_picture(record, places) for record in chosen] if can_draw else [],
+        runs=len(records),
+        definitions=DEFINITIONS,
+    )
+
+
+def _picture(record: SequenceRecord, places: np.ndarray[Any, np.dtype[np.float64]]) -> Picture:
+    drawn = (figures.trajectory_svg(record, places), figures.errors_svg(record))
+    return Picture(f"{record.name}, run {record.run}", tuple(svg for svg in drawn if svg is not None))

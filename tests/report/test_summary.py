@@ -1,0 +1,29 @@
+from panoloc_mcl.evaluation import evaluate
+from panoloc_mcl.report import render_summary
+
+
+def test_tells_what_was_run_and_how_well(make_record, run_info, places):
+    text = render_summary(evaluate([make_record(), make_record("evening_00")], places), run_info)
+    assert text.startswith("# hall \\| global\n\n* data set: hall\n* mode: monte\\_carlo\n")
+    assert "* seed: 0\n" in text
+    assert "| figure | unit | evening | noon | overall |\n| :--- | :--- | ---: | ---: | ---: |\n" in text
+    assert "| recognised/passed |  | 161/193 |" in text
+    assert "## Definitions" in text
+    assert "\n\n\n" not in text
+
+
+def test_tables_have_the_same_number_of_cells_in_every_row(make_record, places):
+    records = [make_record("a|b_0"), make_record("c_0")]
+    text = render_summary(evaluate(records, places), {})
+    rows = [line.replace("\\|", "") for line in text.splitlines() if line.startswith("|")]
+    assert {row.count("|") for row in rows} == {6}
+
+
+def test_figures_that_do_not_apply_are_blank(make_record, places):
+    records = [make_record(with_truth=False), make_record("evening_00")]
+    text = render_summary(evaluate(records, places), {})
+    assert text.startswith("# Localization run\n")
+    assert "None" not in text
+    assert "nan" not in text
+    assert "| – |" in text
+    assert "None" not in render_summary(evaluate(records[:1], places), {})
