@@ -79,10 +79,11 @@ class VotesSettings(StrictModel):
     vote_width: Positive = Field(
         0.7, le=3.2, description="Width sigma of the voting function exp(-d^2 / 2 sigma^2) over the angle d, radians (paper: 0.3)."
     )
-    sharpness: Positive = Field(
-        20.0,
-        le=1e4,
-        description="Log-likelihood between a particle with the best vote and one with none. High: certain at once; low: cautious.",
+    tolerance: Positive = Field(
+        0.2,
+        le=100.0,
+        description="How far the votes at the true pose may fall short of the best ones (standard deviation, as a share of the best). "
+        "Low: certain at once; high: cautious.",
     )
     full_match: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
         0.2, description="Cosine of a match that is trusted in full; images whose best match is weaker sharpen the belief less."
@@ -106,7 +107,9 @@ class PaperSettings(StrictModel):
     heading_step_deg: Annotated[float, Field(gt=0.0, le=90.0)] = Field(
         4.0, description="Step of the headings that are voted on when all are asked for (Monte Carlo mode), degrees."
     )
-    sharpness: Positive = Field(20.0, le=1e4, description="Log-likelihood of a particle per vote share (Monte Carlo mode).")
+    tolerance: Positive = Field(
+        0.3, le=100.0, description="As in `votes`: what the true pose may fall short of the best votes, as a share (Monte Carlo mode)."
+    )
 
 
 class ObservationSettings(StrictModel):

@@ -105,7 +105,7 @@ class MonteCarloFilter:
     def _log_likelihood(self, votes: VoteField, offset: Motion | None) -> Float64:
         """Relative to the field's best cell, so 0 at most (but for interpolation); the floor keeps it finite."""
         seen_from = self.poses if offset is None else compose(self.poses, offset.increment)
-        relative = votes.sharpness * (votes.read(seen_from).astype(np.float64) - votes.peak.votes)
+        relative = votes.log_likelihood(votes.read(seen_from))
         floor = self.settings.floor
         return np.asarray(np.log((1.0 - floor) * np.exp(relative) + floor))
 

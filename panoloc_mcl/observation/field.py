@@ -52,8 +52,8 @@ class VoteField:
         Radians. Either equally spaced over the circle from 0, or those that were asked for.
     places : Places
         The k places.
-    sharpness : float
-        Log-likelihood per vote.
+    tolerance : float
+        Standard deviation of how far the votes at the true pose fall short of the best ones.
     full_circle : bool
         The headings are equally spaced over the circle, so the field can be read anywhere.
     problem : str
@@ -63,7 +63,7 @@ class VoteField:
     votes: Float32
     headings: Float64
     places: Places
-    sharpness: float
+    tolerance: float
     full_circle: bool = True
     problem: str = ""
 
@@ -78,6 +78,11 @@ class VoteField:
         return read_field(
             poses, self.votes, raster.neighbours, raster.weights, *raster.origin, raster.cell, raster.shape[1], raster.shape[0]
         )
+
+    def log_likelihood(self, votes: Float32) -> Float64:
+        """Log-likelihood of poses that were given so many votes, relative to the best cell: Gaussian in what they fall short of it."""
+        shortfall = (self.peak.votes - votes.astype(np.float64)) / self.tolerance
+        return np.asarray(-0.5 * np.square(np.maximum(shortfall, 0.0)))
 
     @cached_property
     def peak(self) -> Peak:
@@ -109,8 +114,7 @@ class VoteField:
 
     def sample(self, count: int, rng: np.random.Generator) -> Float64:
         """Poses drawn in proportion to the likelihood of the cells, spread over their cell. float64 (count, 3)."""
-        log_likelihood = self.sharpness * self.votes.ravel().astype(np.float64)
-        cumulative = np.cumsum(np.exp(log_likelihood - log_likelihood.max()))
+        cumulative = np.cumsum(np.exp(self.log_likelihood(self.votes.ravel())))
         cells = np.minimum(
             np.searchsorted(cumulative, rng.random(count) * cumulative[-1], side="right"), len(cumulative) - 1
         )
@@ -126,4 +130,4 @@ class VoteField:
 def silent_field(headings: Float64, places: Places, problem: str, full_circle: bool) -> VoteField:
     """The field of an image that says nothing: all votes 0, and why."""
     votes = np.zeros((len(headings), len(places)), dtype=np.float32)
-    return VoteField(votes, headings, places, sharpness=0.0, full_circle=full_circle, problem=problem)
+    return VoteField(votes, headings, places, tolerance=1.0, full_circle=full_circle, problem=problem)

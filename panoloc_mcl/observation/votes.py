@@ -153,10 +153,10 @@ class VotesModel:
         votes = vote_of_cosine(cosines, self.settings.vote_width)
         # Votes count relative to the best one: it falls with the distance to the next place, in all lights alike.
         weakest = vote_of_cosine(np.float32(self.settings.full_match), self.settings.vote_width)
-        sharpness = self.settings.sharpness / max(float(votes.max()), float(weakest))
+        tolerance = self.settings.tolerance * max(float(votes.max()), float(weakest))
         if headings is None:
-            return VoteField(votes, self._headings, self.places, sharpness)
-        return VoteField(_at_headings(votes, headings), headings, self.places, sharpness, full_circle=False)
+            return VoteField(votes, self._headings, self.places, tolerance)
+        return VoteField(_at_headings(votes, headings), headings, self.places, tolerance, full_circle=False)
 
     def _problem(self, panorama: Panorama, z: Complex64, mask: NDArray[np.bool_]) -> str:
         visible = float(mask.mean())
