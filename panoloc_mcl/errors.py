@@ -40,5 +40,9 @@ class MapError(PanolocError):
     """A map that cannot be built, read, or used with this camera or configuration."""
 
 
+class OutputError(PanolocError):
+    """A file that cannot be written."""
+
+
 class ResultsError(PanolocError):
     """A results folder that is incomplete, foreign, or cannot be written."""

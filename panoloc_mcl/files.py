@@ -1,4 +1,4 @@
-"""Whole files or none: writing through a temporary name and a rename."""
+"""Files of our own: written whole or not at all, and the folder where what can be made again is kept."""
 
 from __future__ import annotations
 
@@ -6,7 +6,17 @@ import os
 import tempfile
 from pathlib import Path
 
-from panoloc_mcl.errors import DatasetError
+from platformdirs import user_cache_path
+
+from panoloc_mcl.errors import OutputError
+
+CACHE_VARIABLE = "PANOLOC_CACHE_DIR"
+
+
+def cache_folder() -> Path:
+    """Where rendered data sets and built maps are kept: ``PANOLOC_CACHE_DIR``, or else the user's cache."""
+    chosen = os.environ.get(CACHE_VARIABLE)
+    return Path(chosen).expanduser() if chosen else user_cache_path("panoloc_mcl", appauthor=False)
 
 
 def write_atomically(path: Path, content: bytes | str) -> None:
@@ -20,7 +30,7 @@ def write_atomically(path: Path, content: bytes | str) -> None:
 
     Raises
     ------
-    DatasetError
+    OutputError
         The file cannot be written.
     """
     data = content.encode("utf-8") if isinstance(content, str) else content
@@ -30,7 +40,7 @@ def write_atomically(path: Path, content: bytes | str) -> None:
         handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
         with os.fdopen(handle, "wb") as stream:
             stream.write(data)
-        # mkstemp makes files private; a data set is meant to be shared like any other file.
+        # mkstemp makes files private; what this package writes is meant to be shared like any other file.
         umask = os.umask(0)
         os.umask(umask)
         Path(temporary).chmod(0o666 & ~umask)
@@ -38,4 +48,4 @@ def write_atomically(path: Path, content: bytes | str) -> None:
     except OSError as error:
         if temporary is not None:
             Path(temporary).unlink(missing_ok=True)
-        raise DatasetError(f"{path}: cannot be written ({error.strerror}); check permissions and free space") from error
+        raise OutputError(f"{path}: cannot be written ({error.strerror}); check permissions and free space") from error

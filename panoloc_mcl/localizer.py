@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -88,7 +89,7 @@ class Localizer:
         """
         self._odometry.add(timestamp, np.asarray(pose, dtype=np.float64))
 
-    def add_image(self, timestamp: float, image: NDArray[np.generic]) -> Estimate | None:
+    def add_image(self, timestamp: float, image: NDArray[Any]) -> Estimate | None:
         """Take one image as the camera delivers it.
 
         Parameters
@@ -150,7 +151,7 @@ class Localizer:
         turned = gate.angle_deg > 0.0 and motion.turn >= math.radians(gate.angle_deg)
         return moved or turned
 
-    def _observe(self, image: NDArray[np.generic], headings: NDArray[np.float64] | None) -> VoteField:
+    def _observe(self, image: NDArray[Any], headings: NDArray[np.float64] | None) -> VoteField:
         """Vote field of an image; one that cannot be used gives a field that is silent and says why."""
         try:
             votes = self._observation.observe(self._unwrap(image), headings)

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import warnings
-from pathlib import Path
-
-import platformdirs
 
 from panoloc_mcl.camera import to_mapping
 from panoloc_mcl.config.model import ObservationSettings
 from panoloc_mcl.datasets import Dataset
-from panoloc_mcl.errors import MapError
+from panoloc_mcl.errors import MapError, OutputError
+from panoloc_mcl.files import cache_folder
 from panoloc_mcl.observation import settings_of
 from panoloc_mcl.observation.base import Progress, no_progress
 from panoloc_mcl.panorama_map import FORMAT, PanoramaMap
@@ -22,16 +19,7 @@ from panoloc_mcl.panorama_map import FORMAT, PanoramaMap
 _REVISION = 1
 
 
-def cache_folder() -> Path:
-    """Where built maps are kept: PANOLOC_CACHE_DIR, or the user's cache folder."""
-    chosen = os.environ.get("PANOLOC_CACHE_DIR")
-    root = Path(chosen) if chosen else platformdirs.user_cache_path("panoloc_mcl")
-    return root / "maps"
-
-
-def cached_map(
-    dataset: Dataset, observation: ObservationSettings, seed: int, progress: Progress = no_progress
-) -> PanoramaMap:
+def cached_map(dataset: Dataset, observation: ObservationSettings, seed: int, progress: Progress = no_progress) -> PanoramaMap:
     """The map of a data set: from the cache if it was built before, else built and kept.
 
     A cache that cannot be written costs a warning and the time to build, never the run.
@@ -41,7 +29,7 @@ def cached_map(
     MapError, DatasetError, ImageError
         As `PanoramaMap.build`.
     """
-    path = cache_folder() / f"{dataset.name}-{_key(dataset, observation, seed)}.panomap"
+    path = cache_folder() / "maps" / f"{dataset.name}-{_key(dataset, observation, seed)}.panomap"
     if path.is_file():
         try:
             return PanoramaMap.load(path)
@@ -50,7 +38,7 @@ def cached_map(
     built = PanoramaMap.build(dataset, observation, seed, progress)
     try:
         built.save(path)
-    except MapError as error:
+    except OutputError as error:
         warnings.warn(f"map not kept for the next run: {error}", RuntimeWarning, stacklevel=2)
     return built
 

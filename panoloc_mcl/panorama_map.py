@@ -163,8 +163,8 @@ class PanoramaMap:
         metadata = {"format": FORMAT, "map": json.dumps(header, sort_keys=True)}
         try:
             write_atomically(Path(path), safetensors_bytes(tensors, metadata))
-        except PanolocError as error:
-            raise MapError(error.faults) from error
+        except SafetensorError as error:
+            raise MapError(f"{path}: cannot be written ({error})") from error
 
     @classmethod
     def load(cls, path: str | Path) -> Self:

@@ -49,7 +49,9 @@ class MotionSettings(StrictModel):
         45.0, le=3600.0, description="Rate up to which the robot may turn where no odometry is known, degrees/s."
     )
     max_extrapolation_s: NonNegative = Field(
-        0.5, le=60.0, description="How long the last odometry is carried on at constant speed when it is older than the image, s."
+        0.5,
+        le=60.0,
+        description="How long the last odometry is carried on at constant speed when it is older than the image, s.",
     )
     buffer_s: Positive = Field(30.0, le=3600.0, description="How much odometry is kept for late images, s.")
 
@@ -63,9 +65,13 @@ class VotesSettings(StrictModel):
         "still agree; signed: contrast counts.",
     )
     contrast_floor: Positive = Field(
-        4.0, le=255.0, description="Gradients well below this many grey levels per pixel count little (the c of |z| / (|z| + c))."
+        4.0,
+        le=255.0,
+        description="Gradients well below this many grey levels per pixel count little (the c of |z| / (|z| + c)).",
     )
-    smoothing_px: NonNegative = Field(1.0, le=20.0, description="Standard deviation of the Gaussian before the gradient, pixels.")
+    smoothing_px: NonNegative = Field(
+        1.0, le=20.0, description="Standard deviation of the Gaussian before the gradient, pixels."
+    )
     median: bool = Field(True, description="3x3 median before everything else: keeps single bad pixels out of the gradients.")
     mask_dark: Annotated[int, Field(ge=-1, le=254)] = Field(
         2, description="Pixels at or below this grey level carry no information; -1 = keep all."
@@ -77,10 +83,12 @@ class VotesSettings(StrictModel):
         None, description="Eigenimages kept; null = all that the references span, at most 200."
     )
     vote_width: Positive = Field(
-        0.7, le=3.2, description="Width sigma of the voting function exp(-d^2 / 2 sigma^2) over the angle d, radians (paper: 0.3)."
+        0.7,
+        le=3.2,
+        description="Width sigma of the voting function exp(-d^2 / 2 sigma^2) over the angle d, radians (paper: 0.3).",
     )
     tolerance: Positive = Field(
-        0.2,
+        0.15,
         le=100.0,
         description="How far the votes at the true pose may fall short of the best ones (standard deviation, as a share of the best). "
         "Low: certain at once; high: cautious.",
@@ -88,9 +96,7 @@ class VotesSettings(StrictModel):
     full_match: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
         0.2, description="Cosine of a match that is trusted in full; images whose best match is weaker sharpen the belief less."
     )
-    min_visible: Share = Field(
-        0.05, description="An image with a smaller share of usable pixels says nothing and is skipped."
-    )
+    min_visible: Share = Field(0.05, description="An image with a smaller share of usable pixels says nothing and is skipped.")
 
 
 class PaperSettings(StrictModel):
@@ -108,7 +114,9 @@ class PaperSettings(StrictModel):
         4.0, description="Step of the headings that are voted on when all are asked for (Monte Carlo mode), degrees."
     )
     tolerance: Positive = Field(
-        0.3, le=100.0, description="As in `votes`: what the true pose may fall short of the best votes, as a share (Monte Carlo mode)."
+        0.3,
+        le=100.0,
+        description="As in `votes`: what the true pose may fall short of the best votes, as a share (Monte Carlo mode).",
     )
 
 
@@ -170,7 +178,8 @@ class StatusSettings(StrictModel):
     converged_spread_deg: Positive = Field(10.0, le=180.0, description="… and less than this, degrees.")
     ambiguous_mass: Share = Field(0.2, description="Ambiguous: two or more clusters hold more than this share each.")
     lost_match: Share = Field(
-        0.05, description="Lost: after having been converged, the running share of the best vote that the particles explain falls below this."
+        0.05,
+        description="Lost: after having been converged, what the belief explains of the best votes (running average) falls below this share.",
     )
 
 
@@ -193,9 +202,7 @@ class LocalizerSettings(StrictModel):
         "or a mapping x, y, heading_deg, sd_position_m, sd_heading_deg.",
     )
     monte_carlo: MonteCarloSettings = Field(default_factory=MonteCarloSettings, description="Settings of `monte_carlo`.")
-    kalman_orientation: KalmanSettings = Field(
-        default_factory=KalmanSettings, description="Settings of `kalman_orientation`."
-    )
+    kalman_orientation: KalmanSettings = Field(default_factory=KalmanSettings, description="Settings of `kalman_orientation`.")
     motion: MotionSettings = Field(default_factory=MotionSettings, description="Odometry and its noise.")
     status: StatusSettings = Field(default_factory=StatusSettings, description="Thresholds of the status.")
     gate: GateSettings = Field(default_factory=GateSettings, description="Motion gate.")
@@ -204,18 +211,20 @@ class LocalizerSettings(StrictModel):
 class KidnapSettings(StrictModel):
     """Carrying the robot away: sequences of one light are cut and spliced, odometry silent."""
 
-    every_frames: Annotated[int, Field(ge=0, le=1_000_000)] = Field(
-        0, description="Frames between two kidnaps; 0 = never."
-    )
+    every_frames: Annotated[int, Field(ge=0, le=1_000_000)] = Field(0, description="Frames between two kidnaps; 0 = never.")
 
 
 class RunConfig(StrictModel):
     """One run: a data set, a map, a localizer, what to write."""
 
-    name: str = Field("run", min_length=1, max_length=80, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", description="Folder name under `out`.")
+    name: str = Field(
+        "run", min_length=1, max_length=80, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", description="Folder name under `out`."
+    )
     dataset: str = Field("room", min_length=1, description="Path of a data set, or the name of an embedded one (`room`).")
     sequences: Literal["all"] | list[str] = Field("all", description="`all`, or a list of names or globs such as `noon_*`.")
-    map: Path | None = Field(None, description="A map file made by `panoloc build-map`; null = build from the references, cached.")
+    map: Path | None = Field(
+        None, description="A map file made by `panoloc build-map`; null = build from the references, cached."
+    )
     seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(0, description="Seed of everything random.")
     runs: Annotated[int, Field(ge=1, le=1_000_000)] = Field(
         1, description="How often each sequence is run, with seeds seed, seed + 1, …"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import os
 import shutil
 import tempfile
 import time
@@ -11,12 +10,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from platformdirs import user_cache_path
-
 from panoloc_mcl.datasets.room.build import Progress, build_room
 from panoloc_mcl.errors import DatasetError
+from panoloc_mcl.files import CACHE_VARIABLE, cache_folder
 
-CACHE_VARIABLE = "PANOLOC_CACHE_DIR"
 _STALE_S = 24 * 3600.0
 
 
@@ -45,12 +42,6 @@ EMBEDDED: dict[str, Embedded] = {
         lambda path, progress: build_room(path, progress=progress),
     ),
 }
-
-
-def cache_folder() -> Path:
-    """Where rendered data sets are kept: ``PANOLOC_CACHE_DIR``, or else the user's cache."""
-    chosen = os.environ.get(CACHE_VARIABLE)
-    return Path(chosen).expanduser() if chosen else user_cache_path("panoloc_mcl", appauthor=False)
 
 
 def embedded_dataset(name: str, progress: Progress | None = None) -> Path:

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.datasets.files import write_atomically
 from panoloc_mcl.errors import ImageError
+from panoloc_mcl.files import write_atomically
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,7 +68,8 @@ def _spliced(
                     "select sequences that agree"
                 )
     pieces = _shuffled([piece for member in members for piece in _pieces(member, every_frames)], rng)
-    times, files, odometry, truth, kidnapped = [], [], [], [], []
+    files: list[Path] = []
+    times, odometry, truth, kidnapped = [], [], [], []
     clock = 0.0
     standing = np.zeros(3)
     for number, (member, start, end) in enumerate(pieces):

@@ -12,7 +12,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.datasets.files import write_atomically
+from panoloc_mcl.files import write_atomically
 
 _MOST_FAULTS = 20
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from panoloc_mcl.datasets.files import write_atomically
 from panoloc_mcl.errors import DatasetError
+from panoloc_mcl.files import write_atomically
 from panoloc_mcl.geometry import interpolate_at, yaw_from_quaternion
 
 FloatArray = NDArray[np.float64]

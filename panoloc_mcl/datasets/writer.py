@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike
 from panoloc_mcl.camera.spec import OmniCamera, PanoramaCamera, to_mapping
 from panoloc_mcl.config.validation import dump_yaml
 from panoloc_mcl.datasets.dataset import Dataset
-from panoloc_mcl.datasets.files import write_atomically
 from panoloc_mcl.datasets.images import Image, write_image
 from panoloc_mcl.datasets.reader import FORMAT
 from panoloc_mcl.datasets.tables import write_image_table
 from panoloc_mcl.datasets.trajectory import Trajectory, write_tum
 from panoloc_mcl.errors import DatasetError
+from panoloc_mcl.files import write_atomically
 
 
 class DatasetWriter:

@@ -71,7 +71,7 @@ def orientations(panorama: Panorama, settings: VotesSettings) -> tuple[Complex64
         z.real = gx * scale
         z.imag = gy * scale
     # What a bad pixel reaches with noticeable weight: two pixels for the usual Gaussian of one pixel.
-    spread = 1 + int(round(settings.smoothing_px))
+    spread = 1 + round(settings.smoothing_px)
     usable = cv2.dilate(bad, np.ones((2 * spread + 1, 2 * spread + 1), np.uint8))[:, inner] == 0
     usable[0] = usable[-1] = False
     z[~usable] = 0.0

@@ -200,4 +200,3 @@ class MonteCarloFilter:
         if sum(cluster.mass > limits.ambiguous_mass for cluster in clusters) >= 2:
             return Status.AMBIGUOUS
         return Status.LOST if self._has_converged and self._match_fast < limits.lost_match else Status.SEARCHING
-

@@ -25,7 +25,9 @@ def kernel(function: Function) -> Function:
     except RuntimeError:
         # Numba finds no folder it may write to: neither beside the package nor in the user's cache.
         if not _warned:
-            warnings.warn("no writable folder for compiled kernels; set NUMBA_CACHE_DIR to keep them", RuntimeWarning, stacklevel=2)
+            warnings.warn(
+                "no writable folder for compiled kernels; set NUMBA_CACHE_DIR to keep them", RuntimeWarning, stacklevel=2
+            )
             _warned = True
         compiled = numba.njit(error_model="numpy", nogil=True)(function)
     return compiled

@@ -66,9 +66,7 @@ def solve_positive(gram: Float64, right: Float64) -> Float64:
 
 
 @kernel
-def trimmed_coefficients(
-    design: Float64, gram: Float64, observed: Float64, keep: float, trim_to: int
-) -> Float64:
+def trimmed_coefficients(design: Float64, gram: Float64, observed: Float64, keep: float, trim_to: int) -> Float64:
     """Coefficients of one hypothesis by least squares with trimming of whole pixels (Leonardis & Bischof 2000).
 
     Solve, keep the pixels with the smallest residuals, and repeat down to ``trim_to`` pixels. Dropped pixels are subtracted from

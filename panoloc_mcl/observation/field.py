@@ -115,9 +115,7 @@ class VoteField:
     def sample(self, count: int, rng: np.random.Generator) -> Float64:
         """Poses drawn in proportion to the likelihood of the cells, spread over their cell. float64 (count, 3)."""
         cumulative = np.cumsum(np.exp(self.log_likelihood(self.votes.ravel())))
-        cells = np.minimum(
-            np.searchsorted(cumulative, rng.random(count) * cumulative[-1], side="right"), len(cumulative) - 1
-        )
+        cells = np.minimum(np.searchsorted(cumulative, rng.random(count) * cumulative[-1], side="right"), len(cumulative) - 1)
         rows, places = np.divmod(cells, self.votes.shape[1])
         step = 2.0 * np.pi / len(self.headings)
         poses = np.empty((count, 3))

@@ -141,4 +141,6 @@ class PaperModel:
             self.settings.trim_to,
             self.settings.vote_width,
         )
-        return VoteField(votes.astype(np.float32), asked, self.places, self.settings.tolerance * max(float(votes.max()), 1e-6), full_circle)
+        return VoteField(
+            votes.astype(np.float32), asked, self.places, self.settings.tolerance * max(float(votes.max()), 1e-6), full_circle
+        )

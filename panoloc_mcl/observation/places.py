@@ -47,7 +47,7 @@ class Places:
         """Median distance of a place to its nearest neighbour, metres; 1.0 for a single place."""
         if len(self) < 2:
             return 1.0
-        distances, _ = self._tree.query(self.positions, k=2)
+        distances = np.asarray(self._tree.query(self.positions, k=2)[0])
         spacing = float(np.median(distances[:, 1]))
         return spacing if spacing > 0.0 else 1.0
 
@@ -81,8 +81,8 @@ class Places:
         y = low[1] + (np.arange(rows) + 0.5) * cell
         centres = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
         wanted = min(_NEIGHBOURS + 1, len(self))
-        distances, indices = self._tree.query(centres, k=wanted)
-        distances, indices = distances.reshape(len(centres), wanted), indices.reshape(len(centres), wanted)
+        found = self._tree.query(centres, k=wanted)
+        distances, indices = (np.asarray(part).reshape(len(centres), wanted) for part in found)
         used = min(_NEIGHBOURS, len(self))
         # With as few places as neighbours there is no first unused one; the weights then end a little beyond the reach.
         radius = distances[:, used : used + 1] if wanted > used else np.maximum(distances[:, -1:], self.reach) * 1.5

@@ -106,7 +106,8 @@ class VotesModel:
             progress(index + 1, count, "reference features")
         if textureless:
             raise MapError(
-                f"reference {name}: has no texture (black, saturated or constant); take it out of poses.csv" for name in textureless
+                f"reference {name}: has no texture (black, saturated or constant); take it out of poses.csv"
+                for name in textureless
             )
         wanted = settings.components
         if wanted is None:
@@ -115,9 +116,7 @@ class VotesModel:
         spectra = np.empty((columns, wanted, rows), dtype=np.complex64)
         for index, eigenimage in enumerate(eigenspace.eigenimages):
             spectra[:, index, :] = fft.fft(eigenimage.reshape(rows, columns), axis=1).conj().T
-        return cls(
-            Places(references.positions), settings, spectra, eigenspace.coefficients, energy, usable, eigenspace.kept
-        )
+        return cls(Places(references.positions), settings, spectra, eigenspace.coefficients, energy, usable, eigenspace.kept)
 
     @classmethod
     def restore(cls, references: ReferencePanoramas, settings: VotesSettings, arrays: Arrays) -> Self:
@@ -152,7 +151,7 @@ class VotesModel:
         cosines = self._correlations(z) / self._norms(z, mask)
         votes = vote_of_cosine(cosines, self.settings.vote_width)
         # Votes count relative to the best one: it falls with the distance to the next place, in all lights alike.
-        weakest = vote_of_cosine(np.float32(self.settings.full_match), self.settings.vote_width)
+        weakest = vote_of_cosine(np.array([self.settings.full_match], dtype=np.float32), self.settings.vote_width)[0]
         tolerance = self.settings.tolerance * max(float(votes.max()), float(weakest))
         if headings is None:
             return VoteField(votes, self._headings, self.places, tolerance)
@@ -230,7 +229,9 @@ def _blocks_of(rows: int, columns: int) -> tuple[int, int]:
 
 def _pooled(image: Float32, blocks: tuple[int, int]) -> Float32:
     """Sums over blocks of rows and columns of about equal size."""
-    starts = [np.linspace(0, size, count, endpoint=False).astype(np.int64) for size, count in zip(image.shape, blocks, strict=True)]
+    starts = [
+        np.linspace(0, size, count, endpoint=False).astype(np.int64) for size, count in zip(image.shape, blocks, strict=True)
+    ]
     return np.asarray(np.add.reduceat(np.add.reduceat(image, starts[0], axis=0), starts[1], axis=1), dtype=np.float32)
 
 

@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from panoloc_mcl.config.validation import dump_yaml
-from panoloc_mcl.datasets.files import write_atomically
 from panoloc_mcl.datasets.trajectory import Trajectory, write_tum
-from panoloc_mcl.errors import DatasetError, ResultsError
+from panoloc_mcl.errors import OutputError, ResultsError
 from panoloc_mcl.evaluation.record import SequenceRecord
+from panoloc_mcl.files import write_atomically
 from panoloc_mcl.report import layout
 from panoloc_mcl.report.results_reader import read_run
 from panoloc_mcl.report.steps import steps_text
@@ -200,5 +200,5 @@ def _point_latest(target: Path) -> None:
 def _as_results_error() -> Iterator[None]:
     try:
         yield
-    except DatasetError as error:
+    except OutputError as error:
         raise ResultsError(f"{fault}, or choose another folder with --out" for fault in error.faults) from error
