@@ -179,7 +179,7 @@ class StatusSettings(StrictModel):
     ambiguous_mass: Share = Field(0.2, description="Ambiguous: two or more clusters hold more than this share each.")
     lost_match: Share = Field(
         0.05,
-        description="Lost: after having been converged, what the belief explains of the best votes (running average) falls below this share.",
+        description="Lost: after having been converged, what the belief explains of the best votes (running average) is below this.",
     )
 
 
