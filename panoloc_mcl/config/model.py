@@ -108,7 +108,11 @@ class PaperSettings(StrictModel):
     trim_keep: Annotated[float, Field(gt=0.0, lt=1.0)] = Field(
         0.8, description="Share of the pixels with the smallest residuals kept in each trimming step (Leonardis & Bischof)."
     )
-    trim_to: Annotated[int, Field(ge=2, le=1_000_000)] = Field(300, description="Trimming ends at this many pixels (20 p).")
+    trim_to: Annotated[int, Field(ge=2, le=1_000_000)] = Field(
+        800,
+        description="Trimming ends at this many pixels. The default is a single step; going on down to 300 (20 p), as Leonardis & "
+        "Bischof do, ends among flat pixels, which fit anything.",
+    )
     vote_width: Positive = Field(0.3, le=3.2, description="Width sigma of the voting function over the angle, radians.")
     heading_step_deg: Annotated[float, Field(gt=0.0, le=90.0)] = Field(
         4.0, description="Step of the headings that are voted on when all are asked for (Monte Carlo mode), degrees."
