@@ -1,4 +1,4 @@
-"""From a YAML file and ``--set`` overrides to a checked `RunConfig`."""
+"""From a YAML file and overrides to a checked `RunConfig`."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from pathlib import Path
 from typing import Any
 
 from panoloc_mcl.config.model import RunConfig
-from panoloc_mcl.config.validation import dump_yaml, parse_yaml, read_yaml, validate
-from panoloc_mcl.errors import ConfigError
+from panoloc_mcl.config.overrides import Override, apply, parse_overrides, source_at
+from panoloc_mcl.config.validation import dump_yaml, read_yaml, validate
 
 
-def load_config(path: str | Path, overrides: Sequence[str] = ()) -> RunConfig:
+def load_config(path: str | Path, overrides: Sequence[str | Override] = ()) -> RunConfig:
     """Read a run configuration.
 
     Parameters
     ----------
     path : str or Path
         YAML file.
-    overrides : sequence of str
+    overrides : sequence of str or Override
         ``KEY=VALUE`` with a dotted key and a YAML value, applied in order; they beat the file.
 
     Raises
@@ -26,17 +26,29 @@ def load_config(path: str | Path, overrides: Sequence[str] = ()) -> RunConfig:
     ConfigError
         With every fault found, one line each.
     """
-    path = Path(path)
-    data = read_yaml(path)
-    sources = [str(path), *(f"--set {text}" for text in overrides)]
-    for text in overrides:
-        _apply(data, text)
-    return validate(RunConfig, data, sources[0] if not overrides else f"{sources[0]} with --set")
+    return _resolve(read_yaml(Path(path)), overrides, str(path))
 
 
-def config_from_mapping(data: dict[str, Any], source: str = "configuration") -> RunConfig:
+def config_from_mapping(
+    data: dict[str, Any], source: str = "configuration", overrides: Sequence[str | Override] = ()
+) -> RunConfig:
     """Check a configuration given as plain data, for callers that have no file."""
-    return validate(RunConfig, data, source)
+    return _resolve(data, overrides, source)
+
+
+def dataset_in(path: str | Path, overrides: Sequence[str | Override] = ()) -> str | None:
+    """The data set that a configuration names, even if the rest of it is faulty; None if that cannot be told.
+
+    Raises
+    ------
+    ConfigError
+        A file or an override that cannot be read at all.
+    """
+    data = read_yaml(Path(path))
+    for override in parse_overrides(overrides):
+        apply(data, override)
+    named = data.get("dataset", RunConfig.model_fields["dataset"].default)
+    return named if isinstance(named, str) and named else None
 
 
 def config_to_yaml(config: RunConfig) -> str:
@@ -44,19 +56,8 @@ def config_to_yaml(config: RunConfig) -> str:
     return dump_yaml(config.model_dump(mode="json"))
 
 
-def _apply(data: dict[str, Any], text: str) -> None:
-    key, separator, value_text = text.partition("=")
-    parts = key.strip().split(".")
-    if not separator or not all(parts):
-        raise ConfigError(f"--set {text}: needs the form KEY=VALUE, for instance seed=1 or localizer.mode=monte_carlo")
-    value = parse_yaml(value_text, f"--set {key.strip()}")
-    node = data
-    for part in parts[:-1]:
-        child = node.setdefault(part, {})
-        if child is None:
-            child = node[part] = {}
-        if not isinstance(child, dict):
-            # A scalar (initial: uniform) gives way to the mapping that a dotted key asks for.
-            child = node[part] = {}
-        node = child
-    node[parts[-1]] = value
+def _resolve(data: dict[str, Any], overrides: Sequence[str | Override], source: str) -> RunConfig:
+    parsed = parse_overrides(overrides)
+    for override in parsed:
+        apply(data, override)
+    return validate(RunConfig, data, lambda location: source_at(location, parsed, source))

@@ -1,6 +1,6 @@
 """The run configuration: every parameter with its unit, default, range and effect.
 
-`docs` of these fields are the parameter reference (``CONFIGURATION.md``, see `panoloc_mcl.config.reference`).
+The descriptions of these fields are the parameter reference (``CONFIGURATION.md``, see `panoloc_mcl.config.reference`).
 """
 
 from __future__ import annotations
@@ -149,7 +149,7 @@ class RecoverySettings(StrictModel):
         if self.min_share > self.max_share:
             raise ValueError(f"min_share {self.min_share} is above max_share {self.max_share}; lower it")
         if self.slow >= self.fast:
-            raise ValueError(f"slow {self.slow} must be below fast {self.fast}")
+            raise ValueError(f"slow {self.slow} must be below fast {self.fast}; lower it")
         return self
 
 

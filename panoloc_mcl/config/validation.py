@@ -5,15 +5,14 @@ The only place in the package that parses YAML.
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Hashable, Iterator, Mapping
+from collections.abc import Hashable, Mapping
 from pathlib import Path
-from types import UnionType
-from typing import Any, TypeVar, Union, get_args, get_origin
+from typing import Any, TypeVar, get_args
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
 
+from panoloc_mcl.config.faults import SourceOf, fault_lines
 from panoloc_mcl.errors import ConfigError
 
 
@@ -21,6 +20,18 @@ class StrictModel(BaseModel):
     """Base of everything that is read from YAML: no unknown keys, no NaN or infinity, immutable once read."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True, validate_default=True)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _truth_values_only_where_asked_for(cls, value: Any, info: ValidationInfo) -> Any:
+        # Otherwise true would count as 1.
+        if isinstance(value, bool) and not _takes_bool(cls.model_fields[str(info.field_name)].annotation):
+            raise ValueError("must not be true or false; mind that YAML reads yes, no, on and off so")
+        return value
+
+
+def _takes_bool(annotation: Any) -> bool:
+    return annotation is bool or any(_takes_bool(argument) for argument in get_args(annotation))
 
 
 Model = TypeVar("Model", bound=StrictModel)
@@ -41,21 +52,29 @@ class _UniqueKeyLoader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-def parse_yaml(text: str, source: str) -> Any:
+def parse_yaml(text: str, source: str, *, locate: bool = True) -> Any:
     """Parse YAML text safely.
+
+    Parameters
+    ----------
+    text : str
+    source : str
+        What to call it in a fault.
+    locate : bool
+        Add line and column to that; pointless where the text is but one value.
 
     Raises
     ------
     ConfigError
-        Not YAML, or a key given twice; the line and the column are named.
+        Not YAML, or a key given twice.
     """
     try:
         return yaml.load(text, Loader=_UniqueKeyLoader)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
-        where = f"{source}:{mark.line + 1}:{mark.column + 1}" if mark is not None else source
+        where = f"{source}:{mark.line + 1}:{mark.column + 1}" if locate and mark is not None else source
         problem = getattr(error, "problem", None) or str(error)
-        raise ConfigError(f"{where}: not valid YAML: {problem}; mend this line") from error
+        raise ConfigError(f"{where}: not valid YAML: {problem}; mend it") from error
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
@@ -78,7 +97,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
     if data is None:
         data = {}
     if not isinstance(data, dict):
-        raise ConfigError(f"{path}: holds a {type(data).__name__} where a mapping (key: value lines) is needed")
+        raise ConfigError(f"{path}: holds a {type(data).__name__} where a mapping is needed; write key: value lines")
     return data
 
 
@@ -87,7 +106,7 @@ def dump_yaml(data: Mapping[str, Any]) -> str:
     return yaml.safe_dump(dict(data), sort_keys=False, allow_unicode=True, width=120)
 
 
-def validate(model: type[Model], data: Mapping[str, Any], source: str) -> Model:
+def validate(model: type[Model], data: Mapping[str, Any], source: str | SourceOf) -> Model:
     """Check plain data against a model.
 
     Parameters
@@ -95,8 +114,8 @@ def validate(model: type[Model], data: Mapping[str, Any], source: str) -> Model:
     model : subclass of StrictModel
     data : mapping
         As read from YAML.
-    source : str
-        What to call the data in a fault: a file, or ``--set``.
+    source : str or callable
+        What to call the data in a fault: a file, or a function that says whence the value at a location came.
 
     Raises
     ------
@@ -106,66 +125,5 @@ def validate(model: type[Model], data: Mapping[str, Any], source: str) -> Model:
     try:
         return model.model_validate(dict(data))
     except ValidationError as error:
-        raise ConfigError(_fault_lines(model, error, source)) from error
-
-
-def _fault_lines(model: type[BaseModel], error: ValidationError, source: str) -> Iterator[str]:
-    seen: set[str] = set()
-    for fault in error.errors():
-        location = [part for part in fault["loc"] if not _is_union_tag(part)]
-        key = ".".join(str(part) for part in location)
-        kind, value = fault["type"], fault["input"]
-        if kind == "extra_forbidden":
-            line = f"{source}: unknown key '{key}'{_did_you_mean(model, location)}"
-        elif kind == "missing":
-            line = f"{source}: key '{key}' is missing; add it"
-        elif key:
-            line = f"{source}: {key} = {_shown(value)}: {_plain(fault['msg'])}"
-        else:
-            line = f"{source}: {_plain(fault['msg'])}"
-        if line not in seen:
-            seen.add(line)
-            yield line
-
-
-def _is_union_tag(part: object) -> bool:
-    # pydantic puts the name of the tried branch of a union into the location; keys of ours are snake_case.
-    return isinstance(part, str) and (not part.isidentifier() or part[:1].isupper() or part in {"str", "float", "int"})
-
-
-def _plain(message: str) -> str:
-    text = message.removeprefix("Value error, ").removeprefix("Assertion failed, ")
-    return text.replace("Input should be", "must be")
-
-
-def _shown(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
-def _did_you_mean(model: type[BaseModel], location: list[Any]) -> str:
-    names = _known_keys(model, location[:-1])
-    close = difflib.get_close_matches(str(location[-1]), names, n=1, cutoff=0.5)
-    if close:
-        return f"; did you mean '{close[0]}'?"
-    return f"; known keys here: {', '.join(sorted(names))}" if names else "; remove it"
-
-
-def _known_keys(model: type[BaseModel], path: list[Any]) -> set[str]:
-    models = [model]
-    for step in path:
-        found: list[type[BaseModel]] = []
-        for candidate in models:
-            field = candidate.model_fields.get(str(step))
-            found.extend(_models_in(field.annotation) if field else ())
-        # An index into a list or an unknown step keeps the models at hand.
-        models = found or models
-    return {name for candidate in models for name in candidate.model_fields}
-
-
-def _models_in(annotation: Any) -> list[type[BaseModel]]:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return [annotation]
-    if get_origin(annotation) in (Union, UnionType, list, tuple, dict) or get_args(annotation):
-        return [found for argument in get_args(annotation) for found in _models_in(argument)]
-    return []
+        source_of = (lambda location: source) if isinstance(source, str) else source
+        raise ConfigError(fault_lines(model, error, source_of)) from error
