@@ -85,7 +85,10 @@ def run(config: RunConfig, command: Sequence[str] = (), monitor: Monitor | None 
     tasks = make_tasks(dataset, config)
     panorama_map = find_map(dataset, config, monitor)
     model = panorama_map.observation_model(config.observation)
-    check_tasks(tasks, panorama_map, config, monitor)
+    for task in tasks:
+        check_task(task, panorama_map, config)
+        if task.drive.odometry is None:
+            monitor.notice(f"sequence {task.drive.name}: has no odometry, runs on images only")
     writer = ResultsWriter(config.out, config.name, datetime.now())
     info = run_info(config, dataset, command)
     writer.write_config(config.model_dump(mode="json"))
@@ -123,26 +126,24 @@ def find_map(dataset: Dataset, config: RunConfig, monitor: Monitor) -> PanoramaM
     return cached_map(dataset, config.observation, config.seed, monitor.progress)
 
 
-def check_tasks(tasks: list[Task], panorama_map: PanoramaMap, config: RunConfig, monitor: Monitor) -> None:
+def check_task(task: Task, panorama_map: PanoramaMap | None, config: RunConfig) -> None:
     """Find out before the first frame what would stop the run at a later one.
 
     Raises
     ------
     MapError
-        The map does not fit a sequence's camera.
+        The map, if there is one, does not fit the drive's camera.
     ConfigError
-        The start is to be known, but a sequence has no ground truth.
+        The start is to be known, but the drive has no ground truth.
     """
-    for task in tasks:
-        drive = task.drive
+    drive = task.drive
+    if panorama_map is not None:
         panorama_map.unwrapper(drive.camera, drive.image_size)
-        if drive.odometry is None:
-            monitor.notice(f"sequence {drive.name}: has no odometry, runs on images only")
-        if drive.groundtruth is None and config.localizer.initial in ("known_heading", "known_pose"):
-            raise ConfigError(
-                f"localizer.initial = {config.localizer.initial}: sequence {drive.name} has no ground truth to start from; "
-                "use uniform or a mapping x, y, heading_deg"
-            )
+    if drive.groundtruth is None and config.localizer.initial in ("known_heading", "known_pose"):
+        raise ConfigError(
+            f"localizer.initial = {config.localizer.initial}: sequence {drive.name} has no ground truth to start from; "
+            "use uniform or a mapping x, y, heading_deg"
+        )
 
 
 def localize(
@@ -246,6 +247,7 @@ def run_info(config: RunConfig, dataset: Dataset, command: Sequence[str]) -> dic
         "seed": config.seed,
         "runs": config.runs,
         "sequences": config.sequences,
+        "kidnap_every_frames": config.kidnap.every_frames or None,
         "command": list(command),
         "started": datetime.now().isoformat(timespec="seconds"),
         "machine": {"system": platform.system(), "processor": platform.machine(), "cores": os.cpu_count()},

@@ -1,9 +1,19 @@
 """Results folders, summaries and reports."""
 
 from panoloc_mcl.report.html import render_report
+from panoloc_mcl.report.renewal import rewrite_figures, same_metrics
 from panoloc_mcl.report.results_folder import ResultsWriter
 from panoloc_mcl.report.results_reader import Results, read_results
 from panoloc_mcl.report.summary import render_summary
 from panoloc_mcl.report.terminal import print_metrics
 
-__all__ = ["Results", "ResultsWriter", "print_metrics", "read_results", "render_report", "render_summary"]
+__all__ = [
+    "Results",
+    "ResultsWriter",
+    "print_metrics",
+    "read_results",
+    "render_report",
+    "render_summary",
+    "rewrite_figures",
+    "same_metrics",
+]

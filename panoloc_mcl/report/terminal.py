@@ -14,7 +14,9 @@ if TYPE_CHECKING:
 _GAP = 2
 
 
-def print_metrics(metrics: Mapping[str, Any], console: rich.console.Console | None = None) -> None:
+def print_metrics(
+    metrics: Mapping[str, Any], console: rich.console.Console | None = None, *, beside_paper: bool = True
+) -> None:
     """Print the figures by group, and beside the paper's where its groups were run.
 
     Parameters
@@ -24,11 +26,13 @@ def print_metrics(metrics: Mapping[str, Any], console: rich.console.Console | No
     console : rich.console.Console, optional
         Standard output otherwise; plain text where that is not a terminal. Columns that do not fit side by side follow
         below.
+    beside_paper : bool
+        False leaves the paper's table out, for runs that are nothing like its own.
     """
     from rich.console import Console
 
     console = console or Console(highlight=False)
-    for table in (metrics_table(metrics), paper_table(metrics)):
+    for table in (metrics_table(metrics), paper_table(metrics) if beside_paper else None):
         if table is not None:
             _print_table(table, console)
 

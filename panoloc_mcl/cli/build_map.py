@@ -1,0 +1,39 @@
+"""``panoloc build-map``: build the map of a data set and write it to a file."""
+
+from __future__ import annotations
+
+import argparse
+
+from panoloc_mcl.cli.command import Command, add_set_option, overrides_of
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """DATASET, ``-o``, ``--set``."""
+    parser.add_argument("dataset", metavar="DATASET", help="folder of a data set, or the name of an embedded one (room)")
+    parser.add_argument("-o", "--output", metavar="FILE", required=True, help="the map file, such as hall.panomap")
+    add_set_option(parser)
+
+
+def execute(args: argparse.Namespace) -> int:
+    """Build and save; print what the map holds, and last its path."""
+    from panoloc_mcl.cli.monitor import monitor
+    from panoloc_mcl.config import Override, config_from_mapping
+    from panoloc_mcl.datasets import read_dataset, resolve_dataset
+    from panoloc_mcl.panorama_map import PanoramaMap
+
+    named = [Override("dataset", args.dataset, args.dataset)]
+    config = config_from_mapping({}, "build-map", overrides_of(args, named))
+    with monitor() as watching:
+        folder = resolve_dataset(config.dataset, lambda done, total: watching.progress(done, total, "rendering"))
+        built = PanoramaMap.build(read_dataset(folder), config.observation, config.seed, watching.progress)
+        built.save(args.output)
+    geometry = built.geometry
+    print(
+        f"{built.name}: {len(built.references.names)} places, panoramas of {geometry.width} x {geometry.height} pixels, "
+        f"model {config.observation.model}"
+    )
+    print(args.output)
+    return 0
+
+
+COMMAND = Command("build-map", "build the map of a data set from its references", add_arguments, execute)

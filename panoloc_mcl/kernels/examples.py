@@ -1,0 +1,68 @@
+"""A tiny call of every kernel, of the very types that the program calls it with.
+
+Whoever adds a kernel adds its example here. Compiling a kernel means calling it, and another type would compile another kernel.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+
+def _poses(count: int = 4) -> Any:
+    return np.zeros((count, 3))
+
+
+def _propagate() -> tuple[Any, ...]:
+    return _poses(), 0.1, 0.0, 0.1, 0.01, 0.01, np.zeros((4, 3))
+
+
+def _read_field() -> tuple[Any, ...]:
+    scores = np.ones((8, 2), dtype=np.float32)
+    neighbours = np.zeros((4, 1), dtype=np.int32)
+    weights = np.ones((4, 1), dtype=np.float32)
+    return _poses(), scores, neighbours, weights, -1.0, -1.0, 1.0, 2, 2
+
+
+def _systematic_resample() -> tuple[Any, ...]:
+    return np.ones(4), 0.5, 4
+
+
+def _solve_positive() -> tuple[Any, ...]:
+    return np.eye(2), np.ones(2)
+
+
+def _trimmed_coefficients() -> tuple[Any, ...]:
+    return _design()[0], 12.0 * np.eye(2), np.zeros((6, 2)), 0.8, 4
+
+
+def _design() -> Any:
+    """One hypothesis, six pixels, two filters, two eigenimages."""
+    return np.linspace(-1.0, 1.0, 24).reshape(1, 6, 2, 2)
+
+
+def _vote() -> tuple[Any, ...]:
+    responses = np.ones((2, 4, 8), dtype=np.float32)
+    pixels = np.zeros((1, 6), dtype=np.int32)
+    grams = 12.0 * np.eye(2)[np.newaxis]
+    return responses, pixels, pixels, _design(), grams, np.zeros((1, 6, 2)), np.eye(2), np.zeros(1), 0.8, 4, 0.3
+
+
+#: By ``module.kernel``: the arguments of one call.
+EXAMPLES: dict[str, Callable[[], tuple[Any, ...]]] = {
+    "particles.propagate": _propagate,
+    "particles.read_field": _read_field,
+    "particles.systematic_resample": _systematic_resample,
+    "voting.solve_positive": _solve_positive,
+    "voting.trimmed_coefficients": _trimmed_coefficients,
+    "voting.vote": _vote,
+}
+
+
+def find(name: str) -> Any:
+    """The kernel of a name in ``EXAMPLES``."""
+    module, _, function = name.partition(".")
+    return getattr(importlib.import_module(f"panoloc_mcl.kernels.{module}"), function)
