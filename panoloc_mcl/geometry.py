@@ -24,9 +24,12 @@ def wrap_angle(angle: ArrayLike) -> FloatArray:
     -------
     ndarray of float64, same shape
     """
-    wrapped = np.mod(np.asarray(angle, dtype=np.float64) + np.pi, 2.0 * np.pi) - np.pi
+    a = np.asarray(angle, dtype=np.float64)
+    wrapped = np.mod(a + np.pi, 2.0 * np.pi) - np.pi
     # np.mod may round up to the modulus itself, which would give +pi.
-    return np.where(wrapped >= np.pi, -np.pi, wrapped)
+    wrapped = np.where(wrapped >= np.pi, -np.pi, wrapped)
+    # What lies in the range stays as it is to the last bit, so that standing still is exactly that.
+    return np.where((a >= -np.pi) & (a < np.pi), a, wrapped)
 
 
 def angle_difference(a: ArrayLike, b: ArrayLike) -> FloatArray:
@@ -80,7 +83,11 @@ def inverse(a: ArrayLike) -> FloatArray:
 
 def between(a: ArrayLike, b: ArrayLike) -> FloatArray:
     """Pose ``b`` as seen from ``a``: ``compose(a, between(a, b))`` is ``b``. Shape (..., 3)."""
-    return compose(inverse(a), b)
+    a, b = np.broadcast_arrays(np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64))
+    c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
+    # Differences first: equal poses give exactly the origin, and coordinates far from it lose nothing.
+    dx, dy = b[..., 0] - a[..., 0], b[..., 1] - a[..., 1]
+    return np.stack([c * dx + s * dy, c * dy - s * dx, angle_difference(b[..., 2], a[..., 2])], axis=-1)
 
 
 def interpolate(a: ArrayLike, b: ArrayLike, fraction: ArrayLike) -> FloatArray:

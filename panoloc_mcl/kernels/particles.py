@@ -45,7 +45,11 @@ def propagate(
         moved[i, 0] = poses[i, 0] + c * ex - s * ey
         moved[i, 1] = poses[i, 1] + s * ex + c * ey
         heading = poses[i, 2] + turn + heading_noise
-        moved[i, 2] = heading - 2.0 * np.pi * np.floor((heading + np.pi) / (2.0 * np.pi))
+        if not -np.pi <= heading < np.pi:
+            heading -= 2.0 * np.pi * np.floor((heading + np.pi) / (2.0 * np.pi))
+            # Rounding may leave the seam on the wrong side.
+            heading = max(heading, -np.pi) if heading < np.pi else -np.pi
+        moved[i, 2] = heading
     return moved
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.config.model import MotionSettings
-from panoloc_mcl.geometry import angle_difference, between, compose, interpolate
+from panoloc_mcl.geometry import angle_difference, between, compose, interpolate, wrap_angle
 
 Float64 = NDArray[np.float64]
 
@@ -83,6 +83,8 @@ class OdometryBuffer:
             raise ValueError(f"odometry pose has shape {pose.shape}, needs (3,): x, y, theta")
         if not (math.isfinite(timestamp) and np.isfinite(pose).all()):
             return self._reject("not finite")
+        # A copy: callers may fill the same array again and again.
+        pose = np.array([pose[0], pose[1], wrap_angle(pose[2])])
         position = bisect.bisect_left(self._times, timestamp)
         if position < len(self._times) and self._times[position] == timestamp:
             return self._reject("duplicated time stamp")
