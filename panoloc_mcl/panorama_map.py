@@ -23,7 +23,8 @@ from panoloc_mcl.datasets import Dataset, read_image
 from panoloc_mcl.errors import DatasetError, MapError, PanolocError
 from panoloc_mcl.files import write_atomically
 from panoloc_mcl.observation import MODELS, ObservationModel, Places, settings_of
-from panoloc_mcl.observation.base import Arrays, Progress, no_progress
+from panoloc_mcl.observation.base import Arrays
+from panoloc_mcl.progress import Progress, no_progress
 from panoloc_mcl.references import ReferencePanoramas
 
 FORMAT = "panoloc-map/1"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, Protocol, Self
 
 import numpy as np
@@ -11,15 +11,10 @@ from numpy.typing import NDArray
 from panoloc_mcl.camera import Panorama
 from panoloc_mcl.observation.field import VoteField
 from panoloc_mcl.observation.places import Places
+from panoloc_mcl.progress import Progress, no_progress
 from panoloc_mcl.references import ReferencePanoramas
 
 Arrays = Mapping[str, NDArray[Any]]
-# Called with (done, total, what) while something long goes on.
-Progress = Callable[[int, int, str], None]
-
-
-def no_progress(done: int, total: int, what: str) -> None:
-    """Report nothing."""
 
 
 class ObservationModel(Protocol):

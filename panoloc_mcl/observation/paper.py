@@ -19,9 +19,10 @@ from panoloc_mcl.eigenspace.linear_filters import filter_bank
 from panoloc_mcl.eigenspace.pca import principal_components
 from panoloc_mcl.errors import MapError
 from panoloc_mcl.kernels.voting import vote
-from panoloc_mcl.observation.base import Arrays, Progress, no_progress
+from panoloc_mcl.observation.base import Arrays
 from panoloc_mcl.observation.field import VoteField, silent_field
 from panoloc_mcl.observation.places import Places
+from panoloc_mcl.progress import Progress, no_progress
 from panoloc_mcl.references import ReferencePanoramas
 
 _ARRAYS = ("rows", "columns", "design", "mean_responses", "references")

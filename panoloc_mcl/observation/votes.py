@@ -20,9 +20,10 @@ from panoloc_mcl.config.model import VotesSettings
 from panoloc_mcl.eigenspace.gradients import orientations
 from panoloc_mcl.eigenspace.pca import principal_components, spanned
 from panoloc_mcl.errors import MapError
-from panoloc_mcl.observation.base import Arrays, Progress, no_progress
+from panoloc_mcl.observation.base import Arrays
 from panoloc_mcl.observation.field import VoteField, silent_field
 from panoloc_mcl.observation.places import Places
+from panoloc_mcl.progress import Progress, no_progress
 from panoloc_mcl.references import ReferencePanoramas
 
 Float32 = NDArray[np.float32]
