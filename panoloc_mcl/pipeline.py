@@ -96,7 +96,9 @@ def run(config: RunConfig, command: Sequence[str] = (), monitor: Monitor | None 
     writer.write_places(panorama_map.references.names, panorama_map.references.positions)
     records = []
     for number, (task, repeat) in enumerate((task, repeat) for task in tasks for repeat in range(config.runs)):
-        record, steps = localize(task, repeat, panorama_map, model, config)
+        record, steps, skipped = localize(task, repeat, panorama_map, model, config)
+        if skipped:
+            monitor.notice(f"sequence {record.name}: {skipped} of {len(task.drive)} images skipped; steps.csv says why")
         records.append(writer.write_run(record, steps))
         monitor.progress(number + 1, len(tasks) * config.runs, "sequences")
     metrics = evaluate(records, model.places.positions)
@@ -148,7 +150,7 @@ def check_task(task: Task, panorama_map: PanoramaMap | None, config: RunConfig) 
 
 def localize(
     task: Task, repeat: int, panorama_map: PanoramaMap, model: ObservationModel, config: RunConfig
-) -> tuple[SequenceRecord, list[dict[str, Any]]]:
+) -> tuple[SequenceRecord, list[dict[str, Any]], int]:
     """Run the localizer over one drive.
 
     Returns
@@ -157,6 +159,8 @@ def localize(
         One row a frame that was answered.
     steps : list of dict
         The rows of ``steps.csv``.
+    skipped : int
+        Images that could not be used.
     """
     drive = task.drive
     start_pose = None
@@ -190,7 +194,7 @@ def localize(
         step_ms=np.array([sum(estimate.stage_ms.values()) for estimate in estimates]),
         kidnapped=_carried_over(task.kidnapped, frames),
     )
-    return record, [step_row(estimate) for estimate in estimates]
+    return record, [step_row(estimate) for estimate in estimates], localizer.images_skipped
 
 
 def answers(localizer: Localizer, drive: Drive) -> Iterator[tuple[int, Estimate]]:

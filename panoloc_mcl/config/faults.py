@@ -51,18 +51,20 @@ class _Fault:
     suggestion: str
 
 
-def fault_lines(model: type[BaseModel], error: ValidationError, source: SourceOf) -> Iterator[str]:
+def fault_lines(model: type[BaseModel], data: Mapping[str, Any], error: ValidationError, source: SourceOf) -> Iterator[str]:
     """One line for each thing that is wrong, none twice.
 
     Parameters
     ----------
     model : type
         That the data was checked against; its fields are what a wrong key is compared with.
+    data : mapping
+        As it was given.
     error : ValidationError
     source : callable
         Names the origin of the value at a location.
     """
-    for fault in _without_noise([_from_pydantic(model, entry) for entry in error.errors()]):
+    for fault in _without_noise([_from_pydantic(model, data, entry) for entry in error.errors()]):
         key = ".".join(str(part) for part in fault.location)
         if fault.kind == "extra_forbidden":
             yield f"{source(fault.location)}: unknown key '{key}'{_nearest_key(model, fault.location)}"
@@ -71,15 +73,15 @@ def fault_lines(model: type[BaseModel], error: ValidationError, source: SourceOf
             yield f"{source(fault.location[:-1])}: key '{key}' is missing; add it"
         elif fault.kind == "invalid_key":
             yield f"{source(fault.location)}: key {key} is not text; write a name, or put it in quotes"
-        elif key:
+        elif fault.location:
             yield f"{source(fault.location)}: {key} = {_shown(fault.value)}: {fault.message}; {fault.suggestion}"
         else:
             yield f"{source(fault.location)}: {fault.message}; {fault.suggestion}"
 
 
-def _from_pydantic(model: type[BaseModel], entry: Mapping[str, Any]) -> _Fault:
-    location = tuple(part for part in entry["loc"] if not _is_branch(part))
+def _from_pydantic(model: type[BaseModel], data: Mapping[str, Any], entry: Mapping[str, Any]) -> _Fault:
     kind, value = str(entry["type"]), entry["input"]
+    location = _in_data(entry["loc"], kind, data)
     message, _, remedy = _worded(kind, str(entry["msg"])).partition("; ")
     if kind == "literal_error":
         remedy = _nearest_value(value, str(entry["ctx"]["expected"])) or _REMEDIES["literal"]
@@ -101,9 +103,17 @@ def _worded(kind: str, message: str) -> str:
     return re.sub(r"^(must be a valid \w+), .*", r"\1", text)
 
 
-def _is_branch(part: object) -> bool:
-    """Whether a part of a location names a branch of a union; keys of ours are snake_case."""
-    return isinstance(part, str) and (not part.isidentifier() or part[:1].isupper() or part in {"str", "float", "int"})
+def _in_data(location: Location, kind: str, data: Any) -> Location:
+    """A location without the names of the branches of unions that pydantic puts between the keys."""
+    found: list[str | int] = []
+    node = data
+    for index, part in enumerate(location):
+        if (isinstance(node, Mapping) and part in node) or (isinstance(node, list | tuple) and part in range(len(node))):
+            node = node[part]
+            found.append(part)
+        elif kind == "missing" and index == len(location) - 1:
+            found.append(part)
+    return tuple(found)
 
 
 def _without_noise(faults: list[_Fault]) -> list[_Fault]:

@@ -126,4 +126,4 @@ def validate(model: type[Model], data: Mapping[str, Any], source: str | SourceOf
         return model.model_validate(dict(data))
     except ValidationError as error:
         source_of = (lambda location: source) if isinstance(source, str) else source
-        raise ConfigError(fault_lines(model, error, source_of)) from error
+        raise ConfigError(fault_lines(model, data, error, source_of)) from error
