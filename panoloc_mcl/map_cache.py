@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import warnings
 
 from panoloc_mcl.camera import to_mapping
@@ -12,11 +13,11 @@ from panoloc_mcl.datasets import Dataset
 from panoloc_mcl.errors import MapError, OutputError
 from panoloc_mcl.files import cache_folder
 from panoloc_mcl.observation import settings_of
-from panoloc_mcl.observation.base import Progress, no_progress
 from panoloc_mcl.panorama_map import FORMAT, PanoramaMap
+from panoloc_mcl.progress import Progress, no_progress
 
 # Counts up whenever the same settings give another map.
-_REVISION = 1
+_REVISION = 2
 
 
 def cached_map(dataset: Dataset, observation: ObservationSettings, seed: int, progress: Progress = no_progress) -> PanoramaMap:
@@ -29,7 +30,9 @@ def cached_map(dataset: Dataset, observation: ObservationSettings, seed: int, pr
     MapError, DatasetError, ImageError
         As `PanoramaMap.build`.
     """
-    path = cache_folder() / "maps" / f"{dataset.name}-{_key(dataset, observation, seed)}.panomap"
+    # The name only helps people; it is free text and must not lead out of the folder.
+    readable = re.sub(r"[^A-Za-z0-9_-]+", "_", dataset.name)[:40]
+    path = cache_folder() / "maps" / f"{readable}-{_key(dataset, observation, seed)}.panomap"
     if path.is_file():
         try:
             return PanoramaMap.load(path)

@@ -59,7 +59,9 @@ def principal_components(images: NDArray[Any], components: int, key: str) -> Eig
     chosen = vectors[:, :components]
     eigenimages = ((chosen / scale).conj().T.astype(images.dtype)) @ images
     coefficients = (chosen * scale).astype(images.dtype)
-    return Eigenspace(eigenimages, coefficients, float(values[:components].sum() / values.sum()))
+    # Rounding leaves eigenvalues a little below zero.
+    energies = np.maximum(values, 0.0)
+    return Eigenspace(eigenimages, coefficients, float(energies[:components].sum() / energies.sum()))
 
 
 def spanned(images: NDArray[Any]) -> int:

@@ -119,7 +119,7 @@ class VoteField:
         rows, places = np.divmod(cells, self.votes.shape[1])
         step = 2.0 * np.pi / len(self.headings)
         poses = np.empty((count, 3))
-        # Half a spacing of standard deviation covers the way to the neighbours, whose own votes weigh the result.
+        # A third of a spacing of standard deviation covers the way to the neighbours, whose own votes weigh the result.
         poses[:, :2] = self.places.positions[places] + rng.normal(0.0, 0.35 * self.places.spacing, (count, 2))
         poses[:, 2] = wrap_angle(self.headings[rows] + rng.normal(0.0, max(step, np.radians(1.0)), count))
         return poses

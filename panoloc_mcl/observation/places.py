@@ -45,11 +45,11 @@ class Places:
     @cached_property
     def spacing(self) -> float:
         """Median distance of a place to its nearest neighbour, metres; 1.0 for a single place."""
-        if len(self) < 2:
+        # Several references at one place are one place.
+        distinct = np.unique(self.positions, axis=0)
+        if len(distinct) < 2:
             return 1.0
-        distances = np.asarray(self._tree.query(self.positions, k=2)[0])
-        spacing = float(np.median(distances[:, 1]))
-        return spacing if spacing > 0.0 else 1.0
+        return float(np.median(np.asarray(cKDTree(distinct).query(distinct, k=2)[0])[:, 1]))
 
     @property
     def reach(self) -> float:

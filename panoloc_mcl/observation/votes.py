@@ -229,7 +229,9 @@ def _blocks_of(rows: int, columns: int) -> tuple[int, int]:
 
 
 def _pooled(image: Float32, blocks: tuple[int, int]) -> Float32:
-    """Sums over blocks of rows and columns of about equal size."""
+    """Sums over blocks of rows and columns of about equal size, without the upper and lower row, which are never usable."""
+    if len(image) > 2:
+        image = image[1:-1]
     starts = [
         np.linspace(0, size, count, endpoint=False).astype(np.int64) for size, count in zip(image.shape, blocks, strict=True)
     ]
