@@ -19,7 +19,7 @@ from panoloc_mcl.config import RunConfig
 from panoloc_mcl.datasets import Dataset, read_dataset, read_image, resolve_dataset
 from panoloc_mcl.datasets import Sequence as Drive
 from panoloc_mcl.datasets.splice import splice
-from panoloc_mcl.errors import ConfigError, DatasetError, ImageError
+from panoloc_mcl.errors import CameraError, ConfigError, DatasetError, ImageError, MapError
 from panoloc_mcl.evaluation import SequenceRecord, evaluate
 from panoloc_mcl.filters import Estimate
 from panoloc_mcl.localizer import Localizer
@@ -140,7 +140,11 @@ def check_task(task: Task, panorama_map: PanoramaMap | None, config: RunConfig) 
     """
     drive = task.drive
     if panorama_map is not None:
-        panorama_map.unwrapper(drive.camera, drive.image_size)
+        try:
+            panorama_map.unwrapper(drive.camera, drive.image_size)
+        except CameraError as error:
+            whose = f"map '{panorama_map.name}': does not fit the camera of {drive.path}"
+            raise MapError(f"{whose}: {fault}" for fault in error.faults) from error
     if drive.groundtruth is None and config.localizer.initial in ("known_heading", "known_pose"):
         raise ConfigError(
             f"localizer.initial = {config.localizer.initial}: sequence {drive.name} has no ground truth to start from; "
