@@ -16,6 +16,8 @@ Float64 = NDArray[np.float64]
 
 _CELL_M = 0.4
 _HEADING_CELLS = 24
+# Cells below this share of the heaviest one's mass belong to a cluster that they touch, but do not link two.
+_LINKING_SHARE = 0.01
 # Half of the 26 neighbours; the other half are the same pairs the other way round.
 _NEIGHBOURS = [step for step in itertools.product((-1, 0, 1), repeat=3) if step > (0, 0, 0)]
 
@@ -40,6 +42,8 @@ def weighted_cluster(poses: Float64, weights: Float64, mass: float) -> Cluster:
 def find_clusters(poses: Float64, weights: Float64, most: int = 5) -> tuple[Cluster, ...]:
     """Clusters by falling mass; particles in the same or touching cells (0.4 m, 15 degrees) belong together.
 
+    The few stray particles between two hypotheses do not join them, however many particles there are.
+
     Parameters
     ----------
     poses : float64 (n, 3)
@@ -49,7 +53,7 @@ def find_clusters(poses: Float64, weights: Float64, most: int = 5) -> tuple[Clus
     most : int
         How many are returned.
     """
-    labels = _labels(poses)
+    labels = _labels(poses, weights)
     masses = np.bincount(labels, weights=weights)
     # Equal masses: the one whose particles come first, so that the order never depends on the sorting algorithm.
     order = np.argsort(-masses, kind="stable")[:most]
@@ -62,7 +66,7 @@ def find_clusters(poses: Float64, weights: Float64, most: int = 5) -> tuple[Clus
     return tuple(clusters)
 
 
-def _labels(poses: Float64) -> NDArray[np.int64]:
+def _labels(poses: Float64, weights: Float64) -> NDArray[np.int64]:
     cells = np.floor(poses[:, :2] / _CELL_M).astype(np.int64)
     cells -= cells.min(axis=0) - 1
     turns = np.floor((wrap_angle(poses[:, 2]) + np.pi) * (_HEADING_CELLS / (2.0 * np.pi))).astype(np.int64) % _HEADING_CELLS
@@ -79,6 +83,12 @@ def _labels(poses: Float64) -> NDArray[np.int64]:
         hit = np.flatnonzero(occupied[found] == wanted)
         pairs.append(np.stack([hit, found[hit]]))
     edges = np.concatenate(pairs, axis=1)
-    graph = coo_array((np.ones(edges.shape[1], dtype=np.int8), (edges[0], edges[1])), shape=(len(occupied), len(occupied)))
-    _, labels = connected_components(graph, directed=False)
-    return np.asarray(labels, dtype=np.int64)[inverse]
+    masses = np.bincount(inverse, weights=weights)
+    heavy = masses >= _LINKING_SHARE * masses.max()
+    links = edges[:, heavy[edges].all(axis=0)]
+    graph = coo_array((np.ones(links.shape[1], dtype=np.int8), (links[0], links[1])), shape=(len(occupied), len(occupied)))
+    labels = np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+    for one, other in (edges, edges[::-1]):
+        rim = ~heavy[one] & heavy[other]
+        labels[one[rim]] = labels[other[rim]]
+    return labels[inverse]

@@ -66,11 +66,15 @@ class KalmanOrientationFilter:
         return wrap_angle(self.heading + turn + sd * self._rng.standard_normal(self.settings.headings))
 
     def update(self, votes: VoteField, offset: Motion | None = None) -> None:
-        """Take the heading and the place of the highest vote as this image's measurement."""
+        """Take the heading and the place of the highest vote as this image's measurement; the place alone if it gives no heading."""
         if not votes.informative or votes.peak.votes <= 0.0:
             self._place_votes = self._match = math.nan
             return
         peak = votes.peak
+        self._place, self._place_votes, self._place_known = peak.place, peak.votes, True
+        if not votes.gives_heading:
+            self._match = math.nan
+            return
         turn = 0.0 if offset is None else float(offset.increment[2])
         measured = peak.heading - turn
         residual = float(angle_difference(measured, self.heading))
@@ -80,7 +84,6 @@ class KalmanOrientationFilter:
         self._match = math.exp(-0.5 * residual**2 / (variance + noise))
         self.heading = float(wrap_angle(self.heading + gain * residual))
         self.sd_heading = math.sqrt((1.0 - gain) * variance)
-        self._place, self._place_votes, self._place_known = peak.place, peak.votes, True
 
     def state(self) -> FilterState:
         """The reported place with the filtered heading, as one cluster."""

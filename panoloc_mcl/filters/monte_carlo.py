@@ -107,6 +107,9 @@ class MonteCarloFilter:
         seen_from = self.poses if offset is None else compose(self.poses, offset.increment)
         relative = votes.log_likelihood(votes.read(seen_from))
         floor = self.settings.floor
+        if floor == 0.0:
+            # Far from the best cell exp() is 0; its logarithm must stay finite.
+            return relative
         return np.asarray(np.log((1.0 - floor) * np.exp(relative) + floor))
 
     def _judge(self, log_likelihood: Float64) -> None:
@@ -145,7 +148,7 @@ class MonteCarloFilter:
             return recovery.max_share
         fallen = 1.0 - self._match_fast / self._match_slow if self._match_slow > 0.0 else 1.0
         share = min(max(fallen, recovery.min_share), recovery.max_share)
-        if fallen > 0.5:
+        if fallen > 0.5 and share > recovery.min_share:
             # The burst is on its way; judge it afresh instead of injecting for as long as the averages remember.
             self._match_fast = self._match_slow
         return share
