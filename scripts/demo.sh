@@ -6,4 +6,4 @@ source "$(dirname "${BASH_SOURCE[0]}")/environment.sh"
 
 install ""
 cd "$root"
-exec "$venv/bin/panoloc" run configs/global.yaml "$@"
+exec "$venv/bin/panoloc" run configs/global.yaml --out "$root/results" "$@"
