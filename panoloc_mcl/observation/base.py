@@ -22,6 +22,8 @@ class ObservationModel(Protocol):
 
     name: str
     places: Places
+    #: False: votes hold at every heading alike, and fields have a single row (see `VoteField.gives_heading`).
+    gives_heading: bool
 
     @classmethod
     def build(cls, references: ReferencePanoramas, settings: Any, seed: int, progress: Progress = no_progress) -> Self:
@@ -42,5 +44,5 @@ class ObservationModel(Protocol):
         panorama : Panorama
             Canonical, of the references' size.
         headings : float64 (h,), optional
-            Radians; None = all around the circle.
+            Radians; None = all around the circle. A model that gives no heading ignores them.
         """

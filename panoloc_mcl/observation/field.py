@@ -28,7 +28,7 @@ class Peak:
     ----------
     place : int
     heading : float
-        Radians; between the field's headings where they are equally spaced.
+        Radians; between the field's headings where they are equally spaced. NaN where the image gives none.
     votes : float
     margin : float
         Votes ahead of the best rival elsewhere, as a share of ``votes``; 0 = a tie, 1 = no rival at all.
@@ -49,7 +49,8 @@ class VoteField:
     votes : float32 (h, k)
         In [0, 1].
     headings : float64 (h,)
-        Radians. Either equally spaced over the circle from 0, or those that were asked for.
+        Radians. Either equally spaced over the circle from 0, or those that were asked for. A single one over the full circle: the
+        votes hold at every heading.
     places : Places
         The k places.
     tolerance : float
@@ -71,6 +72,11 @@ class VoteField:
     def informative(self) -> bool:
         """Whether the image says anything."""
         return not self.problem
+
+    @property
+    def gives_heading(self) -> bool:
+        """Whether votes depend on the heading; if not, they hold at every heading alike."""
+        return not self.full_circle or len(self.headings) > 1
 
     def read(self, poses: Float64) -> Float32:
         """Votes at poses (n, 3), interpolated over heading and place; 0 off the map. float32 (n,)."""
@@ -102,6 +108,8 @@ class VoteField:
         return Peak(place, self._between_headings(row, place), best, margin)
 
     def _between_headings(self, row: int, place: int) -> float:
+        if not self.gives_heading:
+            return float("nan")
         heading = float(self.headings[row])
         count = len(self.headings)
         if not self.full_circle or count < 3:
@@ -113,7 +121,10 @@ class VoteField:
         return float(wrap_angle(heading + offset * 2.0 * np.pi / count))
 
     def sample(self, count: int, rng: np.random.Generator) -> Float64:
-        """Poses drawn in proportion to the likelihood of the cells, spread over their cell. float64 (count, 3)."""
+        """Poses drawn in proportion to the likelihood of the cells, spread over their cell. float64 (count, 3).
+
+        Where the image gives no heading, headings are uniform.
+        """
         cumulative = np.cumsum(np.exp(self.log_likelihood(self.votes.ravel())))
         cells = np.minimum(np.searchsorted(cumulative, rng.random(count) * cumulative[-1], side="right"), len(cumulative) - 1)
         rows, places = np.divmod(cells, self.votes.shape[1])
@@ -121,7 +132,10 @@ class VoteField:
         poses = np.empty((count, 3))
         # A third of a spacing of standard deviation covers the way to the neighbours, whose own votes weigh the result.
         poses[:, :2] = self.places.positions[places] + rng.normal(0.0, 0.35 * self.places.spacing, (count, 2))
-        poses[:, 2] = wrap_angle(self.headings[rows] + rng.normal(0.0, max(step, np.radians(1.0)), count))
+        if self.gives_heading:
+            poses[:, 2] = wrap_angle(self.headings[rows] + rng.normal(0.0, max(step, np.radians(1.0)), count))
+        else:
+            poses[:, 2] = rng.uniform(-np.pi, np.pi, count)
         return poses
 
 

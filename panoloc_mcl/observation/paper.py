@@ -48,6 +48,7 @@ class PaperModel:
     """
 
     name = "paper"
+    gives_heading = True
 
     def __init__(
         self,
