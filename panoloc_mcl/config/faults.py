@@ -108,11 +108,13 @@ def _in_data(location: Location, kind: str, data: Any) -> Location:
     found: list[str | int] = []
     node = data
     for index, part in enumerate(location):
-        if (isinstance(node, Mapping) and part in node) or (isinstance(node, list | tuple) and part in range(len(node))):
+        if isinstance(node, Mapping) and part in node:
             node = node[part]
-            found.append(part)
-        elif kind == "missing" and index == len(location) - 1:
-            found.append(part)
+        elif isinstance(node, list | tuple) and isinstance(part, int) and part < len(node):
+            node = node[part]
+        elif kind != "missing" or index < len(location) - 1:
+            continue
+        found.append(part)
     return tuple(found)
 
 

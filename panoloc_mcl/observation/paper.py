@@ -2,8 +2,8 @@
 
 Where the paper is silent: a hypothesis' "points" are its pixels, each with the responses of all three filters; trimming keeps the
 ``trim_keep`` best pixels of each step down to ``trim_to`` (Leonardis & Bischof 2000, who go on to 20 p pixels; here by default one
-step, because pixels without texture have no residual under any hypothesis and trimming ends up with them alone); the subsets are drawn once from the seed and
-shared by all images and headings; votes are divided by the number of hypotheses.
+step, because pixels without texture have no residual under any hypothesis and trimming ends up with them alone); the subsets are
+drawn once from the seed and shared by all images and headings; votes are divided by the number of hypotheses.
 """
 
 from __future__ import annotations

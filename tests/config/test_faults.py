@@ -31,7 +31,7 @@ def test_three_mistakes_are_all_named(faults):
         ("map: 3", "map = 3: must be a path; write a path"),
         ("sequences: noon_*", "sequences = 'noon_*': must be 'all' or a list; write a list: [noon_*]"),
         ("sequences: [1]", "sequences.0 = 1: must be a valid string; write text, in quotes if need be"),
-        ("observation: 3", "observation = 3: must be a mapping of keys to values; write key: value lines below it (model, "),
+        ("observation: 3", "observation = 3: must be a mapping of keys to values; write key: value lines below it ("),
         (
             "observation: {votes: {median: perhaps}}",
             "observation.votes.median = 'perhaps': must be a valid boolean; write true or",

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from panoloc_mcl.datasets import image_size, read_image, write_image
-from panoloc_mcl.errors import DatasetError, ImageError
+from panoloc_mcl.errors import ImageError, OutputError
 
 RNG = np.random.default_rng(0)
 
@@ -79,7 +79,7 @@ def test_what_a_format_cannot_hold_is_not_written(tmp_path: Path) -> None:
     with pytest.raises(ImageError, match=r"do not fit \.jpg"):
         write_image(tmp_path / "a.jpg", np.zeros((4, 4), dtype=np.uint16))
     (tmp_path / "file").write_text("")
-    with pytest.raises(DatasetError, match="cannot be written"):
+    with pytest.raises(OutputError, match="cannot be written"):
         write_image(tmp_path / "file" / "a.png", np.zeros((4, 4), dtype=np.uint8))
 
 
