@@ -10,14 +10,14 @@ import warnings
 from panoloc_mcl.camera import to_mapping
 from panoloc_mcl.config.model import ObservationSettings
 from panoloc_mcl.datasets import Dataset
-from panoloc_mcl.errors import MapError, OutputError
+from panoloc_mcl.errors import ImageError, MapError, OutputError
 from panoloc_mcl.files import cache_folder
 from panoloc_mcl.observation import settings_of
 from panoloc_mcl.panorama_map import FORMAT, PanoramaMap
 from panoloc_mcl.progress import Progress, no_progress
 
 # Counts up whenever the same settings give another map.
-_REVISION = 2
+_REVISION = 3
 
 
 def cached_map(dataset: Dataset, observation: ObservationSettings, seed: int, progress: Progress = no_progress) -> PanoramaMap:
@@ -61,5 +61,8 @@ def _key(dataset: Dataset, observation: ObservationSettings, seed: int) -> str:
     }
     digest.update(json.dumps(description, sort_keys=True).encode())
     for file in references.files:
-        digest.update(hashlib.sha256(file.read_bytes()).digest())
+        try:
+            digest.update(hashlib.sha256(file.read_bytes()).digest())
+        except OSError as error:
+            raise ImageError(f"{file}: cannot be read ({error.strerror}); check the path and permissions") from error
     return digest.hexdigest()[:24]

@@ -106,7 +106,12 @@ class PanoramaMap:
         settings = settings_of(observation)
         model = MODELS[observation.model]
         if observation.model == self.observation.model and settings == settings_of(self.observation):
-            return model.restore(self.references, settings, self.arrays)
+            try:
+                return model.restore(self.references, settings, self.arrays)
+            except KeyError as error:
+                raise MapError(
+                    f"map '{self.name}': lacks {error} of the model '{observation.model}'; build it again with panoloc build-map"
+                ) from error
         return model.build(self.references, settings, self.seed)
 
     def unwrapper(self, camera: Camera | None = None, image_size: tuple[int, int] | None = None) -> Unwrapper:
@@ -153,6 +158,7 @@ class PanoramaMap:
             tensors["references.valid"] = references.valid
         geometry = references.geometry
         header = {
+            "format": FORMAT,
             "name": self.name,
             "camera": to_mapping(self.camera),
             "image_size": list(self.image_size),
@@ -161,7 +167,8 @@ class PanoramaMap:
             "observation": self.observation.model_dump(mode="json"),
             "seed": self.seed,
         }
-        metadata = {"format": FORMAT, "map": json.dumps(header, sort_keys=True)}
+        # One entry only: safetensors writes several in an order that changes from call to call.
+        metadata = {"map": json.dumps(header, sort_keys=True)}
         try:
             write_atomically(Path(path), safetensors_bytes(tensors, metadata))
         except SafetensorError as error:
@@ -181,25 +188,26 @@ class PanoramaMap:
             raise MapError(f"{path}: no such map file; build one with: panoloc build-map DATASET -o {path}")
         try:
             with safe_open(path, framework="numpy") as container:
-                metadata = container.metadata() or {}
+                header = _header_of(container.metadata() or {}, path)
                 tensors = {name: container.get_tensor(name) for name in container.keys()}  # noqa: SIM118
-        except (SafetensorError, OSError) as error:
+        except (SafetensorError, OSError, TypeError) as error:
             raise MapError(f"{path}: not a map file, or cut short ({error}); build it again with panoloc build-map") from error
-        if metadata.get("format") != FORMAT:
-            raise MapError(f"{path}: format is '{metadata.get('format')}', this version reads '{FORMAT}'; build the map again")
         try:
-            return cls._from_file(json.loads(metadata["map"]), tensors, str(path))
-        except (KeyError, ValueError, TypeError, PanolocError) as error:
+            return cls._from_file(header, tensors, str(path))
+        except (LookupError, ValueError, TypeError, AttributeError, PanolocError) as error:
             raise MapError(f"{path}: the map's header is damaged ({error}); build it again with panoloc build-map") from error
 
     @classmethod
     def _from_file(cls, header: dict[str, Any], tensors: dict[str, NDArray[Any]], source: str) -> Self:
         pixels = tensors["references.pixels"]
+        positions = tensors["references.positions"]
+        if positions.shape != (len(pixels), 2) or not np.isfinite(positions).all():
+            raise ValueError(f"{len(pixels)} references, but positions of shape {positions.shape} or not finite")
         camera = camera_from_mapping(header["camera"], source)
         references = ReferencePanoramas(
             pixels=pixels,
             valid=tensors.get("references.valid"),
-            positions=tensors["references.positions"],
+            positions=positions,
             names=tuple(header["files"]),
             geometry=PanoramaGeometry(pixels.shape[2], pixels.shape[1], *header["elevation_deg"]),
             camera_height_m=camera.height_m,
@@ -213,6 +221,17 @@ class PanoramaMap:
             header["seed"],
             {name.removeprefix("model."): array for name, array in tensors.items() if name.startswith("model.")},
         )
+
+
+def _header_of(metadata: dict[str, str], path: Path) -> dict[str, Any]:
+    try:
+        header = json.loads(metadata.get("map", "{}"))
+    except ValueError as error:
+        raise MapError(f"{path}: the map's header is damaged ({error}); build it again with panoloc build-map") from error
+    found = header.get("format") if isinstance(header, dict) else None
+    if not isinstance(header, dict) or found != FORMAT:
+        raise MapError(f"{path}: format is '{found}', this version reads '{FORMAT}'; build the map again")
+    return header
 
 
 def read_references(dataset: Dataset, progress: Progress = no_progress) -> ReferencePanoramas:
