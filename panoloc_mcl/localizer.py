@@ -111,7 +111,7 @@ class Localizer:
             self.images_skipped += 1
             return self._estimate(problem, None, stage_ms)
         motion, offset = self._motion_to(timestamp)
-        if not self._gate_opens(motion):
+        if not self._gate_opens(motion if offset is None else offset):
             return None
         # One BLAS thread: products this small gain nothing from more, and sums come out the same on every machine.
         with self._blas.limit(limits=1, user_api="blas"):

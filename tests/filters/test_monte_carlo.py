@@ -258,7 +258,7 @@ def test_the_injected_share_stays_within_its_bounds() -> None:
     assert _injections(a_filter(recovery=recovery), [HERE])[0] == 300  # nothing known at the start
     injected = _injections(a_filter(Start((1.0, 1.0), 0.5), recovery=recovery), [HERE] * 6 + [THERE] * 6)
     assert injected[:6] == [50] * 6
-    assert max(injected[6:]) == 300
+    assert 100 < max(injected[6:]) <= 300
     assert injected[-1] == 50
 
 
