@@ -26,8 +26,8 @@ def splice(sequences: list[Sequence], every_frames: int, rng: np.random.Generato
     """One long sequence for each group, in which the robot is teleported every so many frames.
 
     Every sequence is cut into pieces of ``every_frames`` frames (a shorter rest is left out, but a sequence shorter than that is
-    kept whole), and the pieces of a group are put together in random order, no piece behind the one that it really follows while
-    there is another choice. Time goes on by one frame period at a joint, and odometry stands still there.
+    kept whole), and the pieces of a group are put together in random order, no piece behind the one that it really follows. Time
+    goes on by one frame period at a joint, and odometry stands still there.
 
     Parameters
     ----------
@@ -112,10 +112,19 @@ def _shuffled(pieces: list[tuple[Sequence, int, int]], rng: np.random.Generator)
     remaining = [pieces[i] for i in rng.permutation(len(pieces))]
     ordered = [remaining.pop(0)]
     while remaining:
-        before, _, end = ordered[-1]
-        choices = [i for i, (sequence, start, _) in enumerate(remaining) if not (sequence is before and start == end)]
-        ordered.append(remaining.pop(choices[0] if choices else 0))
+        choices = [i for i, piece in enumerate(remaining) if not _follows(ordered[-1], piece)]
+        if choices:
+            ordered.append(remaining.pop(choices[0]))
+            continue
+        # Only the piece that really follows is left: it goes where it neither follows nor is followed by its neighbour.
+        last = remaining.pop(0)
+        free = (i for i in range(len(ordered)) if not (i and _follows(ordered[i - 1], last)) and not _follows(last, ordered[i]))
+        ordered.insert(next(free, len(ordered)), last)
     return ordered
+
+
+def _follows(before: tuple[Sequence, int, int], after: tuple[Sequence, int, int]) -> bool:
+    return after[0] is before[0] and after[1] == before[2]
 
 
 def _odometry_between(odometry: Trajectory, begin: float, end: float) -> Trajectory:
