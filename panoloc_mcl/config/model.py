@@ -10,6 +10,14 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from panoloc_mcl.config.peers import (
+    EigenspaceSettings,
+    FourierSignatureSettings,
+    LeastSquaresSettings,
+    OrientationCorrelationSettings,
+    SpinningSettings,
+    ZeroPhaseSettings,
+)
 from panoloc_mcl.config.validation import StrictModel
 
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -127,11 +135,36 @@ class PaperSettings(StrictModel):
 class ObservationSettings(StrictModel):
     """What an image says about the pose."""
 
-    model: Literal["votes", "paper"] = Field(
-        "votes", description="votes: all headings at once, stands changing light; paper: the paper's voting as printed."
+    model: Literal[
+        "votes",
+        "paper",
+        "fourier_signature",
+        "eigenspace",
+        "least_squares",
+        "spinning",
+        "zero_phase",
+        "orientation_correlation",
+    ] = Field(
+        "votes",
+        description="votes: all headings at once, stands changing light; paper: the paper's voting as printed; the others: methods "
+        "that these are compared with.",
     )
     votes: VotesSettings = Field(default_factory=VotesSettings, description="Settings of the model `votes`.")
     paper: PaperSettings = Field(default_factory=PaperSettings, description="Settings of the model `paper`.")
+    fourier_signature: FourierSignatureSettings = Field(
+        default_factory=FourierSignatureSettings, description="Settings of the model `fourier_signature`."
+    )
+    eigenspace: EigenspaceSettings = Field(
+        default_factory=EigenspaceSettings, description="Settings of the model `eigenspace`."
+    )
+    least_squares: LeastSquaresSettings = Field(
+        default_factory=LeastSquaresSettings, description="Settings of the model `least_squares`."
+    )
+    spinning: SpinningSettings = Field(default_factory=SpinningSettings, description="Settings of the model `spinning`.")
+    zero_phase: ZeroPhaseSettings = Field(default_factory=ZeroPhaseSettings, description="Settings of the model `zero_phase`.")
+    orientation_correlation: OrientationCorrelationSettings = Field(
+        default_factory=OrientationCorrelationSettings, description="Settings of the model `orientation_correlation`."
+    )
 
 
 class RecoverySettings(StrictModel):
