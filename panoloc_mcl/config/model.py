@@ -64,6 +64,35 @@ class MotionSettings(StrictModel):
     buffer_s: Positive = Field(30.0, le=3600.0, description="How much odometry is kept for late images, s.")
 
 
+class VirtualPlacesSettings(StrictModel):
+    """Places between the references, where no camera stood: their views are synthesised from the references around them."""
+
+    enabled: bool = Field(
+        False, description="Whether to synthesise them. Needs the camera's height and neighbouring references."
+    )
+    spacing_m: Positive | None = Field(
+        None,
+        le=10.0,
+        description="Distance between virtual places, m; null = a quarter of the references' spacing, at most 0.25.",
+    )
+    sources: Annotated[int, Field(ge=1, le=8)] = Field(2, description="References that a view is synthesised from.")
+    wall_distances: Annotated[int, Field(ge=4, le=200)] = Field(
+        16, description="Wall distances tried in every direction, from 0.3 to 18 m."
+    )
+    neighbours: Annotated[int, Field(ge=1, le=32)] = Field(
+        4, description="References around each one that its wall distances are judged by."
+    )
+
+
+class RefinementSettings(StrictModel):
+    """The pose read off one image by comparing it with views synthesised around the best place."""
+
+    enabled: bool = Field(True, description="Whether to refine. Needs virtual places.")
+    iterations: Annotated[int, Field(ge=1, le=50)] = Field(5, description="Gauss-Newton steps at most.")
+    sources: Annotated[int, Field(ge=1, le=8)] = Field(2, description="References that the views are synthesised from.")
+    tilt: bool = Field(True, description="Whether the camera's pitch and roll are estimated, too.")
+
+
 class VotesSettings(StrictModel):
     """The default observation model: votes in an eigenspace of locally normalised gradients."""
 
@@ -87,8 +116,8 @@ class VotesSettings(StrictModel):
     mask_bright: Annotated[int, Field(ge=1, le=256)] = Field(
         253, description="Pixels at or above this grey level carry no information; 256 = keep all."
     )
-    components: Annotated[int, Field(ge=1, le=100_000)] | None = Field(
-        None, description="Eigenimages kept; null = all that the references span, at most 200."
+    components: Annotated[int, Field(ge=1, le=2000)] | None = Field(
+        None, description="Eigenimages kept; null = all that the places span, at most 100."
     )
     vote_width: Positive = Field(
         0.7,
@@ -105,6 +134,10 @@ class VotesSettings(StrictModel):
         0.2, description="Cosine of a match that is trusted in full; images whose best match is weaker sharpen the belief less."
     )
     min_visible: Share = Field(0.05, description="An image with a smaller share of usable pixels says nothing and is skipped.")
+    virtual_places: VirtualPlacesSettings = Field(
+        default_factory=VirtualPlacesSettings, description="Places between the references."
+    )
+    refinement: RefinementSettings = Field(default_factory=RefinementSettings, description="The pose between the places.")
 
 
 class PaperSettings(StrictModel):
@@ -193,6 +226,12 @@ class MonteCarloSettings(StrictModel):
     resample_below: Share = Field(0.5, description="Resample when N_eff falls below this share of the particles.")
     floor: Annotated[float, Field(ge=0.0, lt=1.0)] = Field(
         0.005, description="Uniform part of the likelihood, so that no single image can kill the truth."
+    )
+    measured_share: Share = Field(
+        0.3, description="Share of the particles drawn around the pose that an image gives by itself (refinement)."
+    )
+    measured_doubt: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
+        0.02, description="Likelihood of a particle far from that pose relative to one at it: the chance that it is wrong."
     )
     recovery: RecoverySettings = Field(default_factory=RecoverySettings, description="Proposals drawn from the vote field.")
 

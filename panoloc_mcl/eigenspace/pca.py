@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,6 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.errors import MapError
+from panoloc_mcl.progress import Progress, no_progress
+
+_BASIS_IMAGES = 300
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +66,56 @@ def principal_components(images: NDArray[Any], components: int, key: str) -> Eig
     # Rounding leaves eigenvalues a little below zero.
     energies = np.maximum(values, 0.0)
     return Eigenspace(eigenimages, coefficients, float(energies[:components].sum() / energies.sum()))
+
+
+def eigenspace_of(
+    image: Callable[[int], NDArray[Any]],
+    count: int,
+    components: int | None,
+    default_components: int,
+    key: str,
+    progress: Progress = no_progress,
+) -> Eigenspace:
+    """Eigenspace of many images that are made one by one and never held all at once.
+
+    The basis is that of at most 300 images spread evenly over all of them; neighbouring views are nearly alike, so the others lie
+    close to it. All are then projected.
+
+    Parameters
+    ----------
+    image : callable (index) -> float32 or complex64 (pixels,)
+    count : int
+        Number of images.
+    components : int or None
+        p; None = all that the basis spans, at most ``default_components``.
+    default_components : int
+    key : str
+        Name of the setting, for the error.
+    progress : callable (done, total, what)
+
+    Raises
+    ------
+    MapError
+        ``components`` exceeds what the images span.
+    """
+    chosen = np.unique(np.linspace(0, count - 1, min(count, _BASIS_IMAGES)).round().astype(np.int64))
+    first = image(int(chosen[0]))
+    basis = np.empty((len(chosen), len(first)), dtype=first.dtype)
+    basis[0] = first
+    for row, index in enumerate(chosen[1:], start=1):
+        basis[row] = image(int(index))
+        progress(row + 1, count, "views")
+    wanted = min(default_components, spanned(basis)) if components is None else components
+    inner = principal_components(basis, wanted, key)
+    coefficients = np.empty((count, wanted), dtype=basis.dtype)
+    coefficients[chosen] = inner.coefficients
+    del basis
+    done = len(chosen)
+    for index in np.setdiff1d(np.arange(count), chosen):
+        coefficients[index] = inner.eigenimages.conj() @ image(int(index))
+        done += 1
+        progress(done, count, "views")
+    return Eigenspace(inner.eigenimages, coefficients, inner.kept)
 
 
 def spanned(images: NDArray[Any]) -> int:

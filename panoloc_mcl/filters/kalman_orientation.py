@@ -108,7 +108,7 @@ class KalmanOrientationFilter:
             clusters=(cluster,),
             status=status,
             match=self._match,
-            best_place=self._place,
+            best_place=self.places.nearest_reference(position),
             best_place_votes=self._place_votes,
             particle_count=self.settings.headings,
             injected=0,

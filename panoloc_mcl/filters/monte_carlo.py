@@ -16,7 +16,7 @@ from panoloc_mcl.config.model import MonteCarloSettings, StatusSettings
 from panoloc_mcl.filters.base import Start
 from panoloc_mcl.filters.clusters import find_clusters
 from panoloc_mcl.filters.estimate import Cluster, FilterState, Status
-from panoloc_mcl.geometry import compose, inverse, wrap_angle
+from panoloc_mcl.geometry import angle_difference, compose, inverse, wrap_angle
 from panoloc_mcl.kernels.particles import propagate, systematic_resample
 from panoloc_mcl.motion import Motion
 from panoloc_mcl.observation.field import VoteField
@@ -96,16 +96,17 @@ class MonteCarloFilter:
         if not votes.informative:
             self._match = math.nan
             return
-        log_likelihood = self._log_likelihood(votes, offset)
-        self._judge(log_likelihood)
-        log_likelihood = self._recover(votes, log_likelihood, offset)
-        self._reweight(log_likelihood)
+        self._judge(self._field_log_likelihood(votes, offset))
+        self._recover(votes, offset)
+        self._reweight(votes, offset)
         self._resample()
 
-    def _log_likelihood(self, votes: VoteField, offset: Motion | None) -> Float64:
+    def _seen_from(self, offset: Motion | None) -> Float64:
+        return self.poses if offset is None else compose(self.poses, offset.increment)
+
+    def _field_log_likelihood(self, votes: VoteField, offset: Motion | None) -> Float64:
         """Relative to the field's best cell, so 0 at most (but for interpolation); the floor keeps it finite."""
-        seen_from = self.poses if offset is None else compose(self.poses, offset.increment)
-        relative = votes.log_likelihood(votes.read(seen_from))
+        relative = votes.log_likelihood(votes.read(self._seen_from(offset)))
         floor = self.settings.floor
         if floor == 0.0:
             # Far from the best cell exp() is 0; its logarithm must stay finite.
@@ -122,24 +123,45 @@ class MonteCarloFilter:
         self._match_slow += recovery.slow * (self._match - self._match_slow)
         self._match_fast += recovery.fast * (self._match - self._match_fast)
 
-    def _recover(self, votes: VoteField, log_likelihood: Float64, offset: Motion | None) -> Float64:
-        """Replace a share of the particles by poses drawn from the image, weighed like all others afterwards."""
+    def _recover(self, votes: VoteField, offset: Motion | None) -> None:
+        """Replace a share of the particles by poses drawn from the image; all are weighed alike afterwards."""
         share = self._injection_share()
-        count = int(share * len(self.poses))
+        self._inject(votes.sample(int(share * len(self.poses)), self._rng), share, offset)
+        measurement = votes.measurement
+        if measurement is not None:
+            # The measured pose is far sharper than the particles are dense: without some at it, none would ever meet it.
+            measured_share = self.settings.measured_share
+            drawn = self._rng.multivariate_normal(
+                measurement.pose, measurement.covariance, int(measured_share * len(self.poses)), method="cholesky"
+            )
+            drawn[:, 2] = wrap_angle(drawn[:, 2])
+            # Where the belief is not, they weigh no more than the chance that the robot was carried there.
+            expected = min(1.0, self._mass_near(measurement.pose, offset) + share)
+            self._inject(drawn, measured_share * expected, offset)
+
+    def _inject(self, drawn: Float64, mass: float, offset: Motion | None) -> None:
+        """Put poses at the image's time in the place of as many random particles, with a total weight of ``mass``."""
+        count = len(drawn)
         if count == 0:
-            return log_likelihood
-        drawn = votes.sample(count, self._rng)
+            return
         if offset is not None:
             # The image says where the robot was; bring its poses on to the particles' time.
             drawn = compose(drawn, inverse(offset.increment))
         replaced = self._rng.choice(len(self.poses), count, replace=False)
-        weights = self._weights() * (1.0 - share)
-        weights[replaced] = share / count
+        weights = self._weights() * (1.0 - mass)
+        weights[replaced] = mass / count
         self.poses = self.poses.copy()
         self.poses[replaced] = drawn
         self.log_weights = np.log(np.maximum(weights, np.finfo(np.float64).tiny))
-        self._injected = count
-        return self._log_likelihood(votes, offset)
+        self._injected += count
+
+    def _mass_near(self, pose: Float64, offset: Motion | None) -> float:
+        """Share of the belief within the limits of convergence around a pose."""
+        limits = self.status_settings
+        seen_from = self._seen_from(offset)
+        near = np.hypot(seen_from[:, 0] - pose[0], seen_from[:, 1] - pose[1]) < limits.converged_spread_m
+        near &= np.abs(angle_difference(seen_from[:, 2], pose[2])) < np.radians(limits.converged_spread_deg)
+        return float(self._weights()[near].sum())
 
     def _injection_share(self) -> float:
         recovery = self.settings.recovery
@@ -157,8 +179,13 @@ class MonteCarloFilter:
         weights = np.exp(self.log_weights - self.log_weights.max())
         return np.asarray(weights / weights.sum())
 
-    def _reweight(self, log_likelihood: Float64) -> None:
-        self.log_weights = self.log_weights + log_likelihood
+    def _reweight(self, votes: VoteField, offset: Motion | None) -> None:
+        """Multiply the weights by the likelihood: that of the vote field, and of the measured pose where there is one."""
+        self.log_weights = self.log_weights + self._field_log_likelihood(votes, offset)
+        if votes.measurement is not None:
+            doubt = self.settings.measured_doubt
+            fit = votes.measurement.relative_likelihood(self._seen_from(offset))
+            self.log_weights += np.log(doubt + (1.0 - doubt) * fit)
         self.log_weights -= self.log_weights.max()
 
     def _resample(self) -> None:
@@ -174,11 +201,10 @@ class MonteCarloFilter:
         clusters = find_clusters(self.poses, self._weights())
         best = clusters[0]
         status = self._status_of(clusters)
-        place = int(self.places.nearest(best.pose[None, :2])[0])
+        place = self.places.nearest_reference(best.pose[:2])
         place_votes = math.nan
         if self._votes is not None and self._votes.informative:
-            at_place = np.array([[*self.places.positions[place], best.pose[2]]])
-            place_votes = float(self._votes.read(at_place)[0])
+            place_votes = float(self._votes.read(best.pose[None])[0])
         return FilterState(
             clusters=clusters,
             status=status,

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.geometry import angle_difference, wrap_angle
 from panoloc_mcl.kernels.particles import read_field
+from panoloc_mcl.measurement import PoseMeasurement
 from panoloc_mcl.observation.places import Places
 
 Float64 = NDArray[np.float64]
@@ -59,6 +60,8 @@ class VoteField:
         The headings are equally spaced over the circle, so the field can be read anywhere.
     problem : str
         Why the image carries no information ("image is black"); empty when it does. Votes are then all 0.
+    measurement : PoseMeasurement or None
+        The pose that the image gives by itself, when the model refines the best cell.
     """
 
     votes: Float32
@@ -67,6 +70,7 @@ class VoteField:
     tolerance: float
     full_circle: bool = True
     problem: str = ""
+    measurement: PoseMeasurement | None = None
 
     @property
     def informative(self) -> bool:
@@ -107,6 +111,19 @@ class VoteField:
         margin = (best - rival) / best if best > 0.0 else 0.0
         return Peak(place, self._between_headings(row, place), best, margin)
 
+    @cached_property
+    def best_pose(self) -> Float64:
+        """The best cell's pose, between places and headings: the top of a paraboloid through the votes around it. float64 (3,)."""
+        peak = self.peak
+        heading = 0.0 if np.isnan(peak.heading) else peak.heading
+        position = self.places.positions[peak.place]
+        offsets = self.places.positions - position
+        around = np.flatnonzero(np.hypot(offsets[:, 0], offsets[:, 1]) < 1.5 * self.places.spacing)
+        row = round(heading * len(self.headings) / (2.0 * np.pi)) % len(self.headings)
+        rows = [row] if not self.full_circle else [(row + step) % len(self.headings) for step in (-1, 0, 1)]
+        moved = _paraboloid_top(offsets[around], self.votes[rows][:, around].max(axis=0), 0.5 * self.places.spacing)
+        return np.array([position[0] + moved[0], position[1] + moved[1], heading])
+
     def _between_headings(self, row: int, place: int) -> float:
         if not self.gives_heading:
             return float("nan")
@@ -137,6 +154,20 @@ class VoteField:
         else:
             poses[:, 2] = rng.uniform(-np.pi, np.pi, count)
         return poses
+
+
+def _paraboloid_top(offsets: Float64, votes: Float32, limit: float) -> Float64:
+    """Where a paraboloid through votes at offsets (n, 2) has its top; the origin when it has none, ``limit`` away at most."""
+    x, y = offsets[:, 0], offsets[:, 1]
+    if len(offsets) < 6:
+        return np.zeros(2)
+    terms = np.stack([np.ones_like(x), x, y, 0.5 * x * x, x * y, 0.5 * y * y], axis=1)
+    _, slope_x, slope_y, xx, xy, yy = np.linalg.lstsq(terms, votes.astype(np.float64), rcond=None)[0]
+    determinant = xx * yy - xy * xy
+    if xx >= 0.0 or determinant <= 0.0:
+        return np.zeros(2)
+    top = np.array([xy * slope_y - yy * slope_x, xy * slope_x - xx * slope_y]) / determinant
+    return np.asarray(np.clip(top, -limit, limit))
 
 
 def silent_field(headings: Float64, places: Places, problem: str, full_circle: bool) -> VoteField:

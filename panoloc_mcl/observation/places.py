@@ -35,9 +35,12 @@ class Places:
     ----------
     positions : float64 (k, 2)
         Metres, map frame.
+    references : float64 (n, 2), optional
+        Where the references were taken, when the places are others: a report names a reference.
     """
 
     positions: Float64
+    references: Float64 | None = None
 
     def __len__(self) -> int:
         return len(self.positions)
@@ -59,6 +62,12 @@ class Places:
     @cached_property
     def _tree(self) -> cKDTree:
         return cKDTree(self.positions)
+
+    def nearest_reference(self, position: Float64) -> int:
+        """Index of the reference nearest to a position (2,)."""
+        if self.references is None:
+            return int(self.nearest(position[None])[0])
+        return int(np.argmin(np.hypot(*(self.references - position).T)))
 
     def nearest(self, positions: Float64) -> NDArray[np.int64]:
         """Index of the place nearest to each position (n, 2)."""

@@ -9,6 +9,7 @@ the paper's voting function (eq. 3).
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, Self
 
 import numpy as np
@@ -18,13 +19,14 @@ from scipy import fft
 from panoloc_mcl.camera import Panorama
 from panoloc_mcl.config.model import VotesSettings
 from panoloc_mcl.eigenspace.gradients import orientations
-from panoloc_mcl.eigenspace.pca import principal_components, spanned
+from panoloc_mcl.eigenspace.pca import eigenspace_of
 from panoloc_mcl.errors import MapError
 from panoloc_mcl.observation.base import Arrays
 from panoloc_mcl.observation.field import VoteField, silent_field
 from panoloc_mcl.observation.places import Places
 from panoloc_mcl.progress import Progress, no_progress
 from panoloc_mcl.references import ReferencePanoramas
+from panoloc_mcl.synthesis import PoseRefiner, ViewSynthesizer, sweep_profiles, synthetic_features, virtual_positions
 
 Float32 = NDArray[np.float32]
 Complex64 = NDArray[np.complex64]
@@ -50,7 +52,11 @@ class VotesModel:
     usable : float32 (k, r, c)
         Share of the pixels of each block that is not masked.
     kept : float
-        Share of the references' energy that the eigenimages hold.
+        Share of the places' energy that the eigenimages hold.
+    synthesizer : ViewSynthesizer, optional
+        That made the views of virtual places; without one, the places are the references.
+    notes : tuple of str
+        What the user should know of the map.
     """
 
     name = "votes"
@@ -64,10 +70,13 @@ class VotesModel:
         energy: Float32,
         usable: Float32,
         kept: float,
+        synthesizer: ViewSynthesizer | None = None,
+        notes: tuple[str, ...] = (),
     ) -> None:
         self.places = places
         self.settings = settings
         self.kept = kept
+        self.notes = notes
         self._spectra = spectra
         self._coefficients = coefficients
         self._energy, self._usable = energy, usable
@@ -75,72 +84,82 @@ class VotesModel:
         self._coefficients_real = np.hstack([coefficients.real, coefficients.imag]).astype(np.float32)
         self._energy_spectra = _block_spectra(energy)
         self._usable_spectra = _block_spectra(usable)
+        self._energy_total = energy.sum(axis=(1, 2))
         columns = spectra.shape[0]
         self._headings = 2.0 * np.pi * np.arange(columns) / columns
         self._blocks = energy.shape[1:]
+        self._synthesizer = synthesizer
+        refines = synthesizer is not None and settings.refinement.enabled
+        self._refiner = PoseRefiner(synthesizer, settings) if synthesizer is not None and refines else None
 
     @classmethod
     def build(
         cls, references: ReferencePanoramas, settings: VotesSettings, seed: int = 0, progress: Progress = no_progress
     ) -> Self:
-        """Compute the eigenspace of the references.
+        """Compute depths, virtual places and the eigenspace of all their views.
 
         Raises
         ------
         MapError
             A reference without usable texture, or more eigenimages asked for than there are.
         """
-        count = len(references)
+        _check_texture(references, settings)
+        synthesizer, notes = _synthesizer(references, settings, progress)
+        places = _places(references, settings, synthesizer)
         rows, columns = references.geometry.shape
         blocks = _blocks_of(rows, columns)
-        images = np.empty((count, rows * columns), dtype=np.complex64)
-        energy = np.empty((count, *blocks), dtype=np.float32)
+        energy = np.empty((len(places), *blocks), dtype=np.float32)
         usable = np.empty_like(energy)
-        textureless = []
-        for index in range(count):
-            z, mask = orientations(references.panorama(index), settings)
-            images[index] = z.ravel()
+
+        def features(index: int) -> Complex64:
+            if synthesizer is None:
+                z, mask = orientations(references.panorama(index), settings)
+            else:
+                z, mask = synthetic_features(synthesizer, places.positions[index], settings)
             energy[index] = _pooled(_squared_magnitude(z), blocks)
             usable[index] = _pooled(mask.astype(np.float32), blocks) / _pooled(np.ones((rows, columns), np.float32), blocks)
-            if energy[index].sum() < 1e-3 * rows * columns:
-                textureless.append(references.names[index])
-            progress(index + 1, count, "reference features")
-        if textureless:
-            raise MapError(
-                f"reference {name}: has no texture (black, saturated or constant); take it out of poses.csv"
-                for name in textureless
-            )
-        wanted = settings.components
-        if wanted is None:
-            wanted = min(_DEFAULT_COMPONENTS, spanned(images))
-        eigenspace = principal_components(images, wanted, "observation.votes.components")
-        spectra = np.empty((columns, wanted, rows), dtype=np.complex64)
+            return z.ravel()
+
+        eigenspace = eigenspace_of(
+            features, len(places), settings.components, _DEFAULT_COMPONENTS, "observation.votes.components", progress
+        )
+        # The norm of a place is that of its coefficients (eq. 4): what the eigenimages do not hold must not count against it.
+        held = np.sum(np.abs(eigenspace.coefficients) ** 2, axis=1)
+        energy *= (held / np.maximum(energy.sum(axis=(1, 2)), 1e-12))[:, None, None]
+        spectra = np.empty((columns, len(eigenspace.eigenimages), rows), dtype=np.complex64)
         for index, eigenimage in enumerate(eigenspace.eigenimages):
             spectra[:, index, :] = fft.fft(eigenimage.reshape(rows, columns), axis=1).conj().T
-        return cls(Places(references.positions), settings, spectra, eigenspace.coefficients, energy, usable, eigenspace.kept)
+        return cls(places, settings, spectra, eigenspace.coefficients, energy, usable, eigenspace.kept, synthesizer, notes)
 
     @classmethod
     def restore(cls, references: ReferencePanoramas, settings: VotesSettings, arrays: Arrays) -> Self:
         """Take up the arrays of a map file."""
+        synthesizer = None
+        if "profiles" in arrays and references.camera_height_m is not None:
+            synthesizer = ViewSynthesizer(references, arrays["profiles"].astype(np.float64), references.camera_height_m)
         return cls(
-            Places(references.positions),
+            _places(references, settings, synthesizer),
             settings,
             arrays["spectra"],
             arrays["coefficients"],
             arrays["energy"],
             arrays["usable"],
             float(arrays["kept"][0]),
+            synthesizer,
         )
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """What a map file keeps."""
-        return {
+        kept: dict[str, NDArray[Any]] = {
             "spectra": self._spectra,
             "coefficients": self._coefficients,
             "energy": self._energy,
             "usable": self._usable,
             "kept": np.array([self.kept]),
         }
+        if self._synthesizer is not None:
+            kept["profiles"] = self._synthesizer.profiles.astype(np.float32)
+        return kept
 
     def observe(self, panorama: Panorama, headings: NDArray[np.float64] | None = None) -> VoteField:
         """Votes of one image (see `ObservationModel.observe`)."""
@@ -155,7 +174,10 @@ class VotesModel:
         weakest = vote_of_cosine(np.array([self.settings.full_match], dtype=np.float32), self.settings.vote_width)[0]
         tolerance = self.settings.tolerance * max(float(votes.max()), float(weakest))
         if headings is None:
-            return VoteField(votes, self._headings, self.places, tolerance)
+            field = VoteField(votes, self._headings, self.places, tolerance)
+            if self._refiner is None:
+                return field
+            return replace(field, measurement=self._refiner.refine(z, mask, field.best_pose))
         return VoteField(_at_headings(votes, headings), headings, self.places, tolerance, full_circle=False)
 
     def _problem(self, panorama: Panorama, z: Complex64, mask: NDArray[np.bool_]) -> str:
@@ -193,6 +215,41 @@ class VotesModel:
         mine = np.maximum(mine, 0.01 * energy.sum())
         theirs = np.maximum(theirs, 0.01 * self._energy.sum(axis=(1, 2))[None, :])
         return _stretched(np.sqrt(mine * theirs), z.shape[1])
+
+
+def _check_texture(references: ReferencePanoramas, settings: VotesSettings) -> None:
+    rows, columns = references.geometry.shape
+    faults = []
+    for index, name in enumerate(references.names):
+        z, _ = orientations(references.panorama(index), settings)
+        if _squared_magnitude(z).sum() < 1e-3 * rows * columns:
+            faults.append(f"reference {name}: has no texture (black, saturated or constant); take it out of poses.csv")
+    if faults:
+        raise MapError(faults)
+
+
+def _synthesizer(
+    references: ReferencePanoramas, settings: VotesSettings, progress: Progress
+) -> tuple[ViewSynthesizer | None, tuple[str, ...]]:
+    """What synthesises views, or why there is none."""
+    if not settings.virtual_places.enabled:
+        return None, ()
+    height = references.camera_height_m
+    if height is None:
+        return None, ("no virtual places: the camera's height is not known; give camera.height_m in dataset.yaml",)
+    if len(np.unique(references.positions, axis=0)) < 2:
+        return None, ("no virtual places: a single reference has no neighbours to see depth with",)
+    profiles = sweep_profiles(references, height, settings, progress)
+    # As the map file keeps them, so that a map that was loaded gives the same votes to the last bit.
+    profiles = profiles.astype(np.float32).astype(np.float64)
+    return ViewSynthesizer(references, profiles, height), ()
+
+
+def _places(references: ReferencePanoramas, settings: VotesSettings, synthesizer: ViewSynthesizer | None) -> Places:
+    given = Places(references.positions)
+    if synthesizer is None:
+        return given
+    return Places(virtual_positions(given.positions, given.spacing, settings.virtual_places), references.positions)
 
 
 def vote_of_cosine(cosines: Float32, width: float) -> Float32:

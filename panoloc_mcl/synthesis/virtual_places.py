@@ -1,0 +1,77 @@
+"""Places between the references, and what a camera would see there."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from panoloc_mcl.config.model import VirtualPlacesSettings, VotesSettings
+from panoloc_mcl.eigenspace.gradients import orientations
+from panoloc_mcl.synthesis.views import ViewSynthesizer
+
+Float64 = NDArray[np.float64]
+Complex64 = NDArray[np.complex64]
+Bool = NDArray[np.bool_]
+
+# Votes fall to about two thirds within 0.2 m of a place: places this far apart leave no gap between their peaks.
+_LARGEST_SPACING_M, _SMALLEST_SPACING_M = 0.25, 0.15
+# Half the diagonal of a grid's cell, and a little more: the middle of every cell is covered.
+_REACH_IN_SPACINGS = 0.75
+# Images of two sources are weighted by 1 / (distance + this).
+_NEAR_M = 0.05
+
+
+def virtual_positions(references: Float64, reference_spacing: float, settings: VirtualPlacesSettings) -> Float64:
+    """A grid of places over the ground that the references cover.
+
+    Parameters
+    ----------
+    references : float64 (n, 2)
+        Where they were taken, metres.
+    reference_spacing : float
+        Distance between neighbouring references, metres.
+    settings : VirtualPlacesSettings
+
+    Returns
+    -------
+    float64 (k, 2)
+        Metres.
+    """
+    spacing = settings.spacing_m or float(np.clip(reference_spacing / 4.0, _SMALLEST_SPACING_M, _LARGEST_SPACING_M))
+    reach = _REACH_IN_SPACINGS * reference_spacing
+    margin = np.ceil(reach / spacing) * spacing
+    low, high = references.min(axis=0) - margin, references.max(axis=0) + margin
+    # The half step on top keeps rounding from dropping the last row.
+    x = np.arange(low[0], high[0] + 0.5 * spacing, spacing)
+    y = np.arange(low[1], high[1] + 0.5 * spacing, spacing)
+    grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    return np.asarray(grid[cKDTree(references).query(grid)[0] <= reach + 1e-9])
+
+
+def synthetic_features(synthesizer: ViewSynthesizer, position: Float64, settings: VotesSettings) -> tuple[Complex64, Bool]:
+    """Features of the view at a place, from the nearest references, the nearer the more.
+
+    Returns
+    -------
+    z : complex64 (rows, columns)
+    usable : bool (rows, columns)
+        Where at least one source shows something.
+    """
+    references = synthesizer.references
+    sources = min(settings.virtual_places.sources, len(references))
+    distances, indices = (np.atleast_1d(part) for part in cKDTree(references.positions).query(position, k=sources))
+    rows, columns = references.geometry.shape
+    total = np.zeros((rows, columns), dtype=np.complex64)
+    weights = np.zeros((rows, columns), dtype=np.float32)
+    for distance, source in zip(distances, indices, strict=True):
+        if distance < 1e-6:
+            return orientations(references.panorama(int(source)), settings)
+        view = synthesizer.view(int(source), position, synthesizer.profile_at(int(source), position))
+        z, usable = orientations(view, settings)
+        weight = np.float32(1.0 / (distance + _NEAR_M))
+        total += weight * z
+        weights += weight * usable
+    seen = weights > 0.0
+    total[seen] /= weights[seen]
+    return total, seen
