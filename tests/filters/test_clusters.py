@@ -44,6 +44,15 @@ def test_a_cluster_at_the_seam_is_one(heading: float) -> None:
     assert cluster.spread_deg == pytest.approx(3.0, rel=0.2)
 
 
+@pytest.mark.parametrize("dx", [-2, -1, 0, 1, 2])
+@pytest.mark.parametrize("dy", [-2, -1, 0, 1, 2])
+@pytest.mark.parametrize("heading", [np.pi - 0.1, -np.pi + 0.1])
+def test_touching_cells_on_both_sides_of_the_seam_belong_together(dx: int, dy: int, heading: float) -> None:
+    # Centres of cells of 0.4 m; the headings are 0.2 rad apart, over the seam.
+    pair = np.array([[0.2, 0.2, heading], [0.2 + 0.4 * dx, 0.2 + 0.4 * dy, -heading]])
+    assert len(find_clusters(pair, evenly(pair))) == (1 if max(abs(dx), abs(dy)) < 2 else 2)
+
+
 def test_a_chain_of_like_particles_is_one_cluster() -> None:
     ring = np.linspace(-np.pi, np.pi, 200, endpoint=False)
     for chain in (
