@@ -108,13 +108,12 @@ def _in_data(location: Location, kind: str, data: Any) -> Location:
     found: list[str | int] = []
     node = data
     for index, part in enumerate(location):
-        if isinstance(node, Mapping) and part in node:
+        known: Any = node if isinstance(node, Mapping) else range(len(node)) if isinstance(node, list | tuple) else ()
+        if part in known:
             node = node[part]
-        elif isinstance(node, list | tuple) and isinstance(part, int) and part < len(node):
-            node = node[part]
-        elif kind != "missing" or index < len(location) - 1:
-            continue
-        found.append(part)
+            found.append(part)
+        elif kind == "missing" and index == len(location) - 1:
+            found.append(part)
     return tuple(found)
 
 
