@@ -51,14 +51,38 @@ def _vote() -> tuple[Any, ...]:
     return responses, pixels, pixels, _design(), grams, np.zeros((1, 6, 2)), np.eye(2), np.zeros(1), 0.8, 4, 0.3
 
 
+def _normalised_gradients() -> tuple[Any, ...]:
+    grey = np.linspace(0.0, 255.0, 40, dtype=np.float32).reshape(4, 10)
+    return grey, np.zeros((4, 10), dtype=np.uint8), 1, 4.0, True
+
+
+def _warp_table() -> tuple[Any, ...]:
+    tangents = np.array([0.5, 0.1, -0.5])
+    return np.full(8, 2.0), tangents, np.array([np.inf, np.inf, 1.2]), 0.1, 0.0, 0.6, 0.4, 8, 1
+
+
+def _move_profile() -> tuple[Any, ...]:
+    return np.full(8, 2.0), 0.1, 0.0
+
+
+def _normal_equations() -> tuple[Any, ...]:
+    features, usable = np.ones((3, 8), dtype=np.complex64), np.ones((3, 8), dtype=np.bool_)
+    profile, tangents = np.full(8, 2.0), np.array([0.5, 0.1, -0.5])
+    return features, usable, features, usable, profile, np.array([np.inf, np.inf, 1.2]), tangents, 0.4
+
+
 #: By ``module.kernel``: the arguments of one call.
 EXAMPLES: dict[str, Callable[[], tuple[Any, ...]]] = {
+    "gradients.normalised_gradients": _normalised_gradients,
     "particles.propagate": _propagate,
     "particles.read_field": _read_field,
     "particles.systematic_resample": _systematic_resample,
     "voting.solve_positive": _solve_positive,
     "voting.trimmed_coefficients": _trimmed_coefficients,
     "voting.vote": _vote,
+    "warping.move_profile": _move_profile,
+    "warping.normal_equations": _normal_equations,
+    "warping.warp_table": _warp_table,
 }
 
 
