@@ -88,7 +88,9 @@ class RefinementSettings(StrictModel):
     """The pose read off one image by comparing it with views synthesised around the best place."""
 
     enabled: bool = Field(True, description="Whether to refine. Needs virtual places.")
-    iterations: Annotated[int, Field(ge=1, le=50)] = Field(5, description="Gauss-Newton steps at most.")
+    iterations: Annotated[int, Field(ge=1, le=50)] = Field(
+        3, description="Gauss-Newton steps at full resolution at most; a few coarse ones come before."
+    )
     sources: Annotated[int, Field(ge=1, le=8)] = Field(2, description="References that the views are synthesised from.")
     tilt: bool = Field(True, description="Whether the camera's pitch and roll are estimated, too.")
 
@@ -117,7 +119,8 @@ class VotesSettings(StrictModel):
         253, description="Pixels at or above this grey level carry no information; 256 = keep all."
     )
     components: Annotated[int, Field(ge=1, le=2000)] | None = Field(
-        None, description="Eigenimages kept; null = all that the places span, at most 100."
+        None,
+        description="Eigenimages kept; null = an eighth of the places, 60 at least and 200 at most, as far as they span them.",
     )
     vote_width: Positive = Field(
         0.7,

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.camera import Panorama
 from panoloc_mcl.config.model import VotesSettings
+from panoloc_mcl.kernels.gradients import normalised_gradients
 
 Complex64 = NDArray[np.complex64]
 Bool = NDArray[np.bool_]
@@ -41,7 +42,7 @@ def orientations(panorama: Panorama, settings: VotesSettings) -> tuple[Complex64
     usable : bool (rows, columns)
         False where a dark, saturated or unseen pixel, or the upper or lower rim, reaches into the gradient.
     """
-    rows, columns = panorama.pixels.shape
+    columns = panorama.pixels.shape[1]
     # The Gaussian is cut at 3 sigma; the median and the difference reach one pixel further each.
     reach = int(np.ceil(3.0 * settings.smoothing_px))
     margin = reach + 2
@@ -55,24 +56,10 @@ def orientations(panorama: Panorama, settings: VotesSettings) -> tuple[Complex64
     if settings.smoothing_px > 0.0:
         size = 2 * reach + 1
         grey = cv2.GaussianBlur(grey, (size, size), settings.smoothing_px)
-    inner = slice(margin, margin + columns)
-    # ksize=1 is the plain central difference; halved, it is in grey levels per pixel.
-    gx = cv2.Sobel(grey, cv2.CV_32F, 1, 0, ksize=1, scale=0.5)[:, inner]
-    gy = cv2.Sobel(grey, cv2.CV_32F, 0, 1, ksize=1, scale=0.5)[:, inner]
-    squared = gx * gx + gy * gy
-    floor = np.float32(settings.contrast_floor)
-    z = np.empty((rows, columns), dtype=np.complex64)
-    if settings.gradient == "doubled_angle":
-        scale = 1.0 / (squared + floor * floor)
-        z.real = (gx * gx - gy * gy) * scale
-        z.imag = 2.0 * gx * gy * scale
-    else:
-        scale = 1.0 / (np.sqrt(squared) + floor)
-        z.real = gx * scale
-        z.imag = gy * scale
     # What a bad pixel reaches with noticeable weight: two pixels for the usual Gaussian of one pixel.
     spread = 1 + round(settings.smoothing_px)
-    usable = cv2.dilate(bad, np.ones((2 * spread + 1, 2 * spread + 1), np.uint8))[:, inner] == 0
+    bad = cv2.dilate(bad, np.ones((2 * spread + 1, 2 * spread + 1), np.uint8))
+    z = normalised_gradients(grey, bad, margin, settings.contrast_floor, settings.gradient == "doubled_angle")
+    usable = bad[:, margin : margin + columns] == 0
     usable[0] = usable[-1] = False
-    z[~usable] = 0.0
     return z, usable

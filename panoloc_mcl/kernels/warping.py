@@ -17,9 +17,51 @@ Complex64 = NDArray[np.complex64]
 Bool = NDArray[np.bool_]
 
 
+# Coefficients of arctan(t) = t P(t^2) on [0, 1], by iteratively reweighted least squares.
+ARCTAN = (
+    0.9999999966727658,
+    -0.33333302091086764,
+    0.1999912982173639,
+    -0.14274432314959162,
+    0.11028651957399649,
+    -0.08713862955357884,
+    0.0654138350487966,
+    -0.04208817279717219,
+    0.02046789119610041,
+    -0.006394794269840109,
+    0.0009375635095654235,
+)
+
+
+@kernel
+def arctan2(y: float, x: float) -> float:
+    """Angle of a vector within 2e-10 radians, without branches or calls, so that loops over it are vectorised.
+
+    The library's arctan2 takes most of a synthesised view. Odd minimax polynomial on [0, 1] and the octants' symmetries.
+    """
+    ax, ay = abs(x), abs(y)
+    ratio = min(ax, ay) / max(max(ax, ay), 1e-300)
+    q = ratio * ratio
+    angle = ARCTAN[10]
+    for k in range(9, -1, -1):
+        angle = angle * q + ARCTAN[k]
+    angle *= ratio
+    angle = 0.5 * np.pi - angle if ay > ax else angle
+    angle = np.pi - angle if x < 0.0 else angle
+    return -angle if y < 0.0 else angle
+
+
 @kernel
 def warp_table(
-    profile: Float64, tangents: Float64, floor: Float64, dx: float, dy: float, top: float, row_step: float, margin: int
+    profile: Float64,
+    tangents: Float64,
+    floor: Float64,
+    dx: float,
+    dy: float,
+    top: float,
+    row_step: float,
+    source_columns: int,
+    margin: int,
 ) -> tuple[Float32, Float32]:
     """Where the pixels of a view lie in the image of a source camera (tables for ``cv2.remap``).
 
@@ -35,6 +77,8 @@ def warp_table(
         From the source to the view, metres.
     top, row_step : float
         Elevation of the upper edge of the first row and of one row, radians.
+    source_columns : int
+        Columns of the source image; the view may have fewer.
     margin : int
         Columns by which the source image is continued on its left across the seam.
 
@@ -46,30 +90,17 @@ def warp_table(
     columns, rows = profile.shape[0], tangents.shape[0]
     map_x = np.empty((rows, columns), dtype=np.float32)
     map_y = np.empty((rows, columns), dtype=np.float32)
-    per_radian = columns / (2.0 * np.pi)
-    for c in range(columns):
-        azimuth = -2.0 * np.pi * c / columns
-        cos_c, sin_c = np.cos(azimuth), np.sin(azimuth)
-        wall = profile[c]
-        wx, wy = wall * cos_c + dx, wall * sin_c + dy
-        wall_range = np.sqrt(wx * wx + wy * wy)
-        wall_column = -np.arctan2(wy, wx) * per_radian
-        if wall_column < 0.0:
-            wall_column += columns
-        for r in range(rows):
-            distance = floor[r]
-            if distance >= wall:
-                distance = wall
-                source_range = wall_range
-                column = wall_column
-            else:
-                px, py = distance * cos_c + dx, distance * sin_c + dy
-                source_range = np.sqrt(px * px + py * py)
-                column = -np.arctan2(py, px) * per_radian
-                if column < 0.0:
-                    column += columns
-            elevation = np.arctan2(tangents[r] * distance, source_range)
-            map_x[r, c] = column + margin
+    per_radian = source_columns / (2.0 * np.pi)
+    azimuths = -2.0 * np.pi * np.arange(columns) / columns
+    cosines, sines = np.cos(azimuths), np.sin(azimuths)
+    for r in range(rows):
+        ground, tangent = floor[r], tangents[r]
+        for c in range(columns):
+            distance = min(ground, profile[c])
+            px, py = distance * cosines[c] + dx, distance * sines[c] + dy
+            column = -arctan2(py, px) * per_radian
+            elevation = arctan2(tangent * distance, np.sqrt(px * px + py * py))
+            map_x[r, c] = column + margin + (source_columns if column < 0.0 else 0)
             map_y[r, c] = (top - elevation) / row_step - 0.5
     return map_x, map_y
 
@@ -142,7 +173,7 @@ def normal_equations(
     floor: Float64,
     tangents: Float64,
     row_step: float,
-) -> tuple[Float64, Float64, float, float]:
+) -> tuple[Float64, Float64, float, float, float, float, float]:
     """Gauss-Newton equations of the pose and the tilt that bring a view into agreement with an image.
 
     The unknowns are the steps of the view's position (x, y, metres), of the image's heading (radians), and of the camera's pitch and
@@ -170,13 +201,18 @@ def normal_equations(
         Sum of squared differences.
     count : float
         Number of pixels used.
+    common, query_energy, view_energy : float
+        Real part of their inner product, and both squared norms, over those pixels.
     """
     rows, columns = view.shape
     per_radian = columns / (2.0 * np.pi)
     normal = np.zeros((5, 5))
     right = np.zeros(5)
     residual, count = 0.0, 0.0
+    common, query_energy, view_energy = 0.0, 0.0, 0.0
     jacobian_re, jacobian_im = np.empty(5), np.empty(5)
+    azimuths = -2.0 * np.pi * np.arange(columns) / columns
+    cosines, sines = np.cos(azimuths), np.sin(azimuths)
     for r in range(1, rows - 1):
         # Half the sine of twice the elevation: what a step towards a point changes in its elevation, times its distance.
         lift = tangents[r] / (1.0 + tangents[r] * tangents[r])
@@ -186,8 +222,7 @@ def normal_equations(
             left, here_right = (c - 1) % columns, (c + 1) % columns
             across = 0.25 * (view[r, here_right] - view[r, left] + query[r, here_right] - query[r, left])
             down = 0.25 * (view[r + 1, c] - view[r - 1, c] + query[r + 1, c] - query[r - 1, c])
-            azimuth = -2.0 * np.pi * c / columns
-            cos_c, sin_c = np.cos(azimuth), np.sin(azimuth)
+            cos_c, sin_c = cosines[c], sines[c]
             distance = min(profile[c], floor[r])
             sideways = per_radian / distance
             upward = lift / (distance * row_step)
@@ -208,7 +243,11 @@ def normal_equations(
                     normal[i, j] += jacobian_re[i] * jacobian_re[j] + jacobian_im[i] * jacobian_im[j]
             residual += error.real * error.real + error.imag * error.imag
             count += 1.0
+            q, v = query[r, c], view[r, c]
+            common += q.real * v.real + q.imag * v.imag
+            query_energy += q.real * q.real + q.imag * q.imag
+            view_energy += v.real * v.real + v.imag * v.imag
     for i in range(5):
         for j in range(i):
             normal[j, i] = normal[i, j]
-    return normal, right, residual, count
+    return normal, right, residual, count, common, query_energy, view_energy

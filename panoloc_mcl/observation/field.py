@@ -170,6 +170,15 @@ def _paraboloid_top(offsets: Float64, votes: Float32, limit: float) -> Float64:
     return np.asarray(np.clip(top, -limit, limit))
 
 
+def at_headings(votes: Float32, headings: Float64) -> Float32:
+    """Rows of a field over the full circle at any headings (h,), linear between rows: float32 (h, k)."""
+    count = len(votes)
+    position = np.asarray(headings) * (count / (2.0 * np.pi))
+    lower = np.floor(position).astype(np.int64)
+    fraction = (position - lower).astype(np.float32)[:, None]
+    return np.asarray((1.0 - fraction) * votes[lower % count] + fraction * votes[(lower + 1) % count], dtype=np.float32)
+
+
 def silent_field(headings: Float64, places: Places, problem: str, full_circle: bool) -> VoteField:
     """The field of an image that says nothing: all votes 0, and why."""
     votes = np.zeros((len(headings), len(places)), dtype=np.float32)

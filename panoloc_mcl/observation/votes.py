@@ -22,7 +22,8 @@ from panoloc_mcl.eigenspace.gradients import orientations
 from panoloc_mcl.eigenspace.pca import eigenspace_of
 from panoloc_mcl.errors import MapError
 from panoloc_mcl.observation.base import Arrays
-from panoloc_mcl.observation.field import VoteField, silent_field
+from panoloc_mcl.observation.field import VoteField, at_headings, silent_field
+from panoloc_mcl.observation.overlap import OverlapNorms, block_energy, block_usable, squared_magnitude
 from panoloc_mcl.observation.places import Places
 from panoloc_mcl.progress import Progress, no_progress
 from panoloc_mcl.references import ReferencePanoramas
@@ -31,9 +32,12 @@ from panoloc_mcl.synthesis import PoseRefiner, ViewSynthesizer, sweep_profiles, 
 Float32 = NDArray[np.float32]
 Complex64 = NDArray[np.complex64]
 
-_DEFAULT_COMPONENTS = 100
-# Energies vary slowly over the image: blocks of about this many rows and columns are fine enough for the norms.
-_POOL = 5
+_FEWEST_COMPONENTS, _MOST_COMPONENTS, _PLACES_A_COMPONENT = 60, 200, 8
+
+
+def _default_components(places: int) -> int:
+    """Eigenimages that tell so many places apart: neighbouring views are alike, so a share of their number is enough."""
+    return int(np.clip(places // _PLACES_A_COMPONENT, _FEWEST_COMPONENTS, _MOST_COMPONENTS))
 
 
 class VotesModel:
@@ -60,6 +64,7 @@ class VotesModel:
     """
 
     name = "votes"
+    gives_heading = True
 
     def __init__(
         self,
@@ -79,15 +84,11 @@ class VotesModel:
         self.notes = notes
         self._spectra = spectra
         self._coefficients = coefficients
-        self._energy, self._usable = energy, usable
+        self._norms = OverlapNorms(energy, usable)
         # Re(conj(a) b) as one real product: [Re a, Im a] . [Re b, Im b].
         self._coefficients_real = np.hstack([coefficients.real, coefficients.imag]).astype(np.float32)
-        self._energy_spectra = _block_spectra(energy)
-        self._usable_spectra = _block_spectra(usable)
-        self._energy_total = energy.sum(axis=(1, 2))
         columns = spectra.shape[0]
         self._headings = 2.0 * np.pi * np.arange(columns) / columns
-        self._blocks = energy.shape[1:]
         self._synthesizer = synthesizer
         refines = synthesizer is not None and settings.refinement.enabled
         self._refiner = PoseRefiner(synthesizer, settings) if synthesizer is not None and refines else None
@@ -107,24 +108,29 @@ class VotesModel:
         synthesizer, notes = _synthesizer(references, settings, progress)
         places = _places(references, settings, synthesizer)
         rows, columns = references.geometry.shape
-        blocks = _blocks_of(rows, columns)
-        energy = np.empty((len(places), *blocks), dtype=np.float32)
-        usable = np.empty_like(energy)
+        energies: dict[int, Float32] = {}
+        shares: dict[int, Float32] = {}
 
         def features(index: int) -> Complex64:
             if synthesizer is None:
                 z, mask = orientations(references.panorama(index), settings)
             else:
                 z, mask = synthetic_features(synthesizer, places.positions[index], settings)
-            energy[index] = _pooled(_squared_magnitude(z), blocks)
-            usable[index] = _pooled(mask.astype(np.float32), blocks) / _pooled(np.ones((rows, columns), np.float32), blocks)
+            energies[index], shares[index] = block_energy(z), block_usable(mask)
             return z.ravel()
 
         eigenspace = eigenspace_of(
-            features, len(places), settings.components, _DEFAULT_COMPONENTS, "observation.votes.components", progress
+            features,
+            len(places),
+            settings.components,
+            _default_components(len(places)),
+            "observation.votes.components",
+            progress,
         )
         # The norm of a place is that of its coefficients (eq. 4): what the eigenimages do not hold must not count against it.
         held = np.sum(np.abs(eigenspace.coefficients) ** 2, axis=1)
+        energy = np.stack([energies[index] for index in range(len(places))])
+        usable = np.stack([shares[index] for index in range(len(places))])
         energy *= (held / np.maximum(energy.sum(axis=(1, 2)), 1e-12))[:, None, None]
         spectra = np.empty((columns, len(eigenspace.eigenimages), rows), dtype=np.complex64)
         for index, eigenimage in enumerate(eigenspace.eigenimages):
@@ -153,8 +159,8 @@ class VotesModel:
         kept: dict[str, NDArray[Any]] = {
             "spectra": self._spectra,
             "coefficients": self._coefficients,
-            "energy": self._energy,
-            "usable": self._usable,
+            "energy": self._norms.energy,
+            "usable": self._norms.usable,
             "kept": np.array([self.kept]),
         }
         if self._synthesizer is not None:
@@ -168,7 +174,7 @@ class VotesModel:
         if problem:
             asked = self._headings if headings is None else headings
             return silent_field(asked, self.places, problem, headings is None)
-        cosines = self._correlations(z) / self._norms(z, mask)
+        cosines = self._correlations(z) / self._norms.of(z, mask)
         votes = vote_of_cosine(cosines, self.settings.vote_width)
         # Votes count relative to the best one: it falls with the distance to the next place, in all lights alike.
         weakest = vote_of_cosine(np.array([self.settings.full_match], dtype=np.float32), self.settings.vote_width)[0]
@@ -178,7 +184,7 @@ class VotesModel:
             if self._refiner is None:
                 return field
             return replace(field, measurement=self._refiner.refine(z, mask, field.best_pose))
-        return VoteField(_at_headings(votes, headings), headings, self.places, tolerance, full_circle=False)
+        return VoteField(at_headings(votes, headings), headings, self.places, tolerance, full_circle=False)
 
     def _problem(self, panorama: Panorama, z: Complex64, mask: NDArray[np.bool_]) -> str:
         visible = float(mask.mean())
@@ -191,7 +197,7 @@ class VotesModel:
             else:
                 what = "image is mostly masked"
             return f"{what}: {100.0 * visible:.0f} % of its pixels are usable"
-        if float(_squared_magnitude(z).mean()) < 1e-3:
+        if float(squared_magnitude(z).mean()) < 1e-3:
             return "image has no texture"
         return ""
 
@@ -203,26 +209,13 @@ class VotesModel:
         turned_real = np.hstack([turned.real, turned.imag]).astype(np.float32, copy=False)
         return np.asarray(turned_real @ self._coefficients_real.T, dtype=np.float32)
 
-    def _norms(self, z: Complex64, mask: NDArray[np.bool_]) -> Float32:
-        """Product of both images' norms over the pixels usable in both, float32 (headings, k)."""
-        energy = _pooled(_squared_magnitude(z), self._blocks)
-        pixels = _pooled(np.ones(z.shape, np.float32), self._blocks)
-        usable = _pooled(mask.astype(np.float32), self._blocks) / pixels
-        columns = self._blocks[1]
-        mine = _block_correlation(_block_spectra(energy), self._usable_spectra, columns)
-        theirs = _block_correlation(_block_spectra(usable), self._energy_spectra, columns)
-        # An overlap with less than a hundredth of the energy says nothing; it must not be blown up.
-        mine = np.maximum(mine, 0.01 * energy.sum())
-        theirs = np.maximum(theirs, 0.01 * self._energy.sum(axis=(1, 2))[None, :])
-        return _stretched(np.sqrt(mine * theirs), z.shape[1])
-
 
 def _check_texture(references: ReferencePanoramas, settings: VotesSettings) -> None:
     rows, columns = references.geometry.shape
     faults = []
     for index, name in enumerate(references.names):
         z, _ = orientations(references.panorama(index), settings)
-        if _squared_magnitude(z).sum() < 1e-3 * rows * columns:
+        if squared_magnitude(z).sum() < 1e-3 * rows * columns:
             faults.append(f"reference {name}: has no texture (black, saturated or constant); take it out of poses.csv")
     if faults:
         raise MapError(faults)
@@ -267,47 +260,3 @@ def vote_of_cosine(cosines: Float32, width: float) -> Float32:
     """
     angle = np.arccos(np.clip(cosines, 0.0, 1.0))
     return np.asarray(np.exp(angle * angle * np.float32(-0.5 / width**2)), dtype=np.float32)
-
-
-def _at_headings(votes: Float32, headings: NDArray[np.float64]) -> Float32:
-    count = len(votes)
-    position = np.asarray(headings) * count / (2.0 * np.pi)
-    lower = np.floor(position).astype(np.int64)
-    fraction = (position - lower).astype(np.float32)[:, None]
-    return np.asarray((1.0 - fraction) * votes[lower % count] + fraction * votes[(lower + 1) % count], dtype=np.float32)
-
-
-def _squared_magnitude(z: Complex64) -> Float32:
-    return np.asarray(z.real * z.real + z.imag * z.imag, dtype=np.float32)
-
-
-def _blocks_of(rows: int, columns: int) -> tuple[int, int]:
-    return max(1, rows // _POOL), max(4, columns // _POOL)
-
-
-def _pooled(image: Float32, blocks: tuple[int, int]) -> Float32:
-    """Sums over blocks of rows and columns of about equal size, without the upper and lower row, which are never usable."""
-    if len(image) > 2:
-        image = image[1:-1]
-    starts = [
-        np.linspace(0, size, count, endpoint=False).astype(np.int64) for size, count in zip(image.shape, blocks, strict=True)
-    ]
-    return np.asarray(np.add.reduceat(np.add.reduceat(image, starts[0], axis=0), starts[1], axis=1), dtype=np.float32)
-
-
-def _block_spectra(blocks: Float32) -> Complex64:
-    return np.asarray(fft.rfft(blocks, axis=-1), dtype=np.complex64)
-
-
-def _block_correlation(image: Complex64, places: Complex64, columns: int) -> Float32:
-    """Circular correlation along the columns, summed over the rows: float32 (columns, k)."""
-    product = np.einsum("rf,krf->fk", image, places.conj())
-    return np.asarray(fft.irfft(product, n=columns, axis=0), dtype=np.float32)
-
-
-def _stretched(coarse: Float32, count: int) -> Float32:
-    """Linear interpolation along the first axis, which is a circle, to ``count`` samples."""
-    position = np.arange(count) * (len(coarse) / count)
-    lower = position.astype(np.int64)
-    fraction = (position - lower).astype(np.float32)[:, None]
-    return np.asarray((1.0 - fraction) * coarse[lower] + fraction * coarse[(lower + 1) % len(coarse)], dtype=np.float32)

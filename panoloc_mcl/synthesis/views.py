@@ -18,7 +18,7 @@ Float64 = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 
 # cv2.remap interpolates between neighbouring columns only.
-_MARGIN = 4
+MARGIN = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,15 +70,15 @@ class ViewSynthesizer:
     @cached_property
     def _padded(self) -> Float32:
         """References as float32, continued across the seam: (n, rows, columns + 2 margins)."""
-        return np.stack([pad_circular(image.astype(np.float32), _MARGIN) for image in self.references.pixels])
+        return np.stack([pad_circular(image.astype(np.float32), MARGIN) for image in self.references.pixels])
 
     def profile_at(self, source: int, position: Float64) -> Float64:
         """Wall profile of a reference as seen from another position, float64 (columns,), metres."""
         dx, dy = position - self.references.positions[source]
         return move_profile(self.profiles[source], float(dx), float(dy))
 
-    def view(self, source: int, position: Float64, profile: Float64) -> Panorama:
-        """The image of a reference as seen from another position, heading 0.
+    def table(self, source: int, position: Float64, profile: Float64, stride: int = 1) -> tuple[Float32, Float32]:
+        """Where the pixels of a view at a position lie in a reference, for ``cv2.remap`` on images padded by `MARGIN` columns.
 
         Parameters
         ----------
@@ -88,15 +88,35 @@ class ViewSynthesizer:
             Metres, map frame.
         profile : float64 (columns,)
             Wall distances as seen from there.
+        stride : int
+            Every how many rows and columns; must divide the columns.
+
+        Returns
+        -------
+        map_x, map_y : float32 (ceil(rows / stride), columns / stride)
         """
         dx, dy = position - self.references.positions[source]
         rays = self.rays
-        map_x, map_y = warp_table(profile, rays.tangents, rays.floor, float(dx), float(dy), rays.top, rays.row_step, _MARGIN)
+        return warp_table(
+            np.ascontiguousarray(profile[::stride]),
+            np.ascontiguousarray(rays.tangents[::stride]),
+            np.ascontiguousarray(rays.floor[::stride]),
+            float(dx),
+            float(dy),
+            rays.top,
+            rays.row_step,
+            len(profile),
+            MARGIN,
+        )
+
+    def view(self, source: int, position: Float64, profile: Float64) -> Panorama:
+        """The image of a reference as seen from another position, heading 0 (parameters as in `table`)."""
+        map_x, map_y = self.table(source, position, profile)
         pixels = cv2.remap(self._padded[source], map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         rows = pixels.shape[0]
         seen = (map_y > -0.5) & (map_y < rows - 0.5)
         if self.references.valid is not None:
-            valid = pad_circular(self.references.valid.astype(np.float32), _MARGIN)
+            valid = pad_circular(self.references.valid.astype(np.float32), MARGIN)
             seen &= cv2.remap(valid, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) > 0.99
         pixels[~seen] = 0.0
         return Panorama(pixels, None if seen.all() else seen)

@@ -23,7 +23,7 @@ from panoloc_mcl.config.peers import (
 )
 from panoloc_mcl.errors import MapError
 from panoloc_mcl.observation.base import Arrays
-from panoloc_mcl.observation.field import VoteField, silent_field
+from panoloc_mcl.observation.field import VoteField, at_headings, silent_field
 from panoloc_mcl.observation.places import Places
 from panoloc_mcl.progress import Progress, no_progress
 from panoloc_mcl.references import ReferencePanoramas
@@ -160,15 +160,6 @@ def raise_textureless(references: ReferencePanoramas, faulty: list[bool]) -> Non
             for name, bad in zip(references.names, faulty, strict=True)
             if bad
         )
-
-
-def at_headings(votes: Float32, headings: Float64) -> Float32:
-    """Rows of a field over the full circle at any headings (h,), linear between rows: float32 (h, k)."""
-    count = len(votes)
-    position = headings * (count / (2.0 * np.pi))
-    lower = np.floor(position).astype(np.int64)
-    fraction = (position - lower).astype(np.float32)[:, None]
-    return np.asarray((1.0 - fraction) * votes[lower % count] + fraction * votes[(lower + 1) % count], dtype=np.float32)
 
 
 def _rows_seen(references: ReferencePanoramas) -> NDArray[np.bool_]:
