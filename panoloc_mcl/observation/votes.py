@@ -65,6 +65,7 @@ class VotesModel:
 
     name = "votes"
     gives_heading = True
+    gives_heading = True
 
     def __init__(
         self,
