@@ -80,6 +80,7 @@ EXAMPLES: dict[str, Callable[[], tuple[Any, ...]]] = {
     "voting.solve_positive": _solve_positive,
     "voting.trimmed_coefficients": _trimmed_coefficients,
     "voting.vote": _vote,
+    "warping.arctan2": lambda: (0.5, -0.5),
     "warping.move_profile": _move_profile,
     "warping.normal_equations": _normal_equations,
     "warping.warp_table": _warp_table,
