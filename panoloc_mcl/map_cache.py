@@ -12,12 +12,12 @@ from panoloc_mcl.config.model import ObservationSettings
 from panoloc_mcl.datasets import Dataset
 from panoloc_mcl.errors import ImageError, MapError, OutputError
 from panoloc_mcl.files import cache_folder
-from panoloc_mcl.observation import settings_of
+from panoloc_mcl.observation import MODELS, build_settings
 from panoloc_mcl.panorama_map import FORMAT, PanoramaMap
 from panoloc_mcl.progress import Progress, no_progress
 
 # Counts up whenever the same settings give another map.
-_REVISION = 4
+_REVISION = 5
 
 
 def cached_map(dataset: Dataset, observation: ObservationSettings, seed: int, progress: Progress = no_progress) -> PanoramaMap:
@@ -55,9 +55,8 @@ def _key(dataset: Dataset, observation: ObservationSettings, seed: int) -> str:
         "camera": to_mapping(references.camera),
         "poses": references.poses.tolist(),
         "files": [file.name for file in references.files],
-        "model": observation.model,
-        "settings": settings_of(observation).model_dump(mode="json"),
-        "seed": seed,
+        **build_settings(observation),
+        "seed": seed if MODELS[observation.model].draws else 0,
     }
     digest.update(json.dumps(description, sort_keys=True).encode())
     for file in references.files:

@@ -22,7 +22,7 @@ from panoloc_mcl.config.model import ObservationSettings
 from panoloc_mcl.datasets import Dataset, read_image
 from panoloc_mcl.errors import DatasetError, MapError, PanolocError
 from panoloc_mcl.files import write_atomically
-from panoloc_mcl.observation import MODELS, ObservationModel, Places, settings_of
+from panoloc_mcl.observation import MODELS, ObservationModel, Places, build_settings, settings_of
 from panoloc_mcl.observation.base import Arrays
 from panoloc_mcl.progress import Progress, no_progress
 from panoloc_mcl.references import ReferencePanoramas
@@ -51,6 +51,8 @@ class PanoramaMap:
         For models that draw random pixels.
     arrays : mapping of str to ndarray
         What that model precomputed.
+    notes : tuple of str
+        What the user should know of how the map turned out.
     """
 
     name: str
@@ -60,6 +62,7 @@ class PanoramaMap:
     observation: ObservationSettings
     seed: int
     arrays: Arrays
+    notes: tuple[str, ...] = ()
 
     @classmethod
     def build(
@@ -88,7 +91,7 @@ class PanoramaMap:
         references = read_references(dataset, progress)
         model = MODELS[observation.model].build(references, settings_of(observation), seed, progress)
         source = dataset.references
-        return cls(dataset.name, references, source.camera, source.image_size, observation, seed, model.arrays())
+        return cls(dataset.name, references, source.camera, source.image_size, observation, seed, model.arrays(), model.notes)
 
     @property
     def places(self) -> Places:
@@ -105,7 +108,7 @@ class PanoramaMap:
         observation = observation or self.observation
         settings = settings_of(observation)
         model = MODELS[observation.model]
-        if observation.model == self.observation.model and settings == settings_of(self.observation):
+        if build_settings(observation) == build_settings(self.observation):
             try:
                 return model.restore(self.references, settings, self.arrays)
             except KeyError as error:
@@ -166,6 +169,7 @@ class PanoramaMap:
             "files": list(references.names),
             "observation": self.observation.model_dump(mode="json"),
             "seed": self.seed,
+            "notes": list(self.notes),
         }
         # One entry only: safetensors writes several in an order that changes from call to call.
         metadata = {"map": json.dumps(header, sort_keys=True)}
@@ -220,6 +224,7 @@ class PanoramaMap:
             ObservationSettings.model_validate(header["observation"]),
             header["seed"],
             {name.removeprefix("model."): array for name, array in tensors.items() if name.startswith("model.")},
+            tuple(str(note) for note in header.get("notes", ())),
         )
 
 

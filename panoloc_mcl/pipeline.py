@@ -85,6 +85,8 @@ def run(config: RunConfig, command: Sequence[str] = (), monitor: Monitor | None 
     tasks = make_tasks(dataset, config)
     panorama_map = find_map(dataset, config, monitor)
     model = panorama_map.observation_model(config.observation)
+    for note in panorama_map.notes:
+        monitor.notice(f"map: {note}")
     for task in tasks:
         check_task(task, panorama_map, config)
         if task.drive.odometry is None:
@@ -101,11 +103,11 @@ def run(config: RunConfig, command: Sequence[str] = (), monitor: Monitor | None 
             monitor.notice(f"sequence {record.name}: {skipped} of {len(task.drive)} images skipped; steps.csv says why")
         records.append(writer.write_run(record, steps))
         monitor.progress(number + 1, len(tasks) * config.runs, "sequences")
-    metrics = evaluate(records, model.places.positions)
+    metrics = evaluate(records, panorama_map.references.positions)
     folder = writer.finish(
         metrics,
         summary=render_summary(metrics, info),
-        report=render_report(metrics, info, records, model.places.positions),
+        report=render_report(metrics, info, records, panorama_map.references.positions),
     )
     return Outcome(metrics, folder)
 

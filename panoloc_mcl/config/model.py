@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, JsonValue, model_validator
 
 from panoloc_mcl.config.peers import (
     EigenspaceSettings,
@@ -23,6 +23,10 @@ from panoloc_mcl.config.validation import StrictModel
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 Positive = Annotated[float, Field(gt=0.0)]
 NonNegative = Annotated[float, Field(ge=0.0)]
+
+
+# Marks settings that matter when an image is looked at, but not when a map is built: changing them needs no new map.
+OBSERVING: dict[str, JsonValue] = {"matters": "when an image is looked at"}
 
 
 class InitialPose(StrictModel):
@@ -82,6 +86,11 @@ class VirtualPlacesSettings(StrictModel):
     neighbours: Annotated[int, Field(ge=1, le=32)] = Field(
         4, description="References around each one that its wall distances are judged by."
     )
+    threads: Annotated[int, Field(ge=1, le=1024)] | None = Field(
+        None,
+        json_schema_extra=OBSERVING,
+        description="Threads that work out the depths; null = one a core. The result does not depend on it.",
+    )
 
 
 class RefinementSettings(StrictModel):
@@ -89,7 +98,7 @@ class RefinementSettings(StrictModel):
 
     enabled: bool = Field(True, description="Whether to refine. Needs virtual places.")
     iterations: Annotated[int, Field(ge=1, le=50)] = Field(
-        3, description="Gauss-Newton steps at full resolution at most; a few coarse ones come before."
+        2, description="Gauss-Newton steps at full resolution at most; a few coarse ones come before."
     )
     sources: Annotated[int, Field(ge=1, le=8)] = Field(2, description="References that the views are synthesised from.")
     tilt: bool = Field(True, description="Whether the camera's pitch and roll are estimated, too.")
@@ -125,22 +134,32 @@ class VotesSettings(StrictModel):
     vote_width: Positive = Field(
         0.7,
         le=3.2,
+        json_schema_extra=OBSERVING,
         description="Width sigma of the voting function exp(-d^2 / 2 sigma^2) over the angle d, radians (paper: 0.3).",
     )
     tolerance: Positive = Field(
         0.15,
         le=100.0,
+        json_schema_extra=OBSERVING,
         description="How far the votes at the true pose may fall short of the best ones (standard deviation, as a share of the best). "
         "Low: certain at once; high: cautious.",
     )
     full_match: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
-        0.2, description="Cosine of a match that is trusted in full; images whose best match is weaker sharpen the belief less."
+        0.2,
+        json_schema_extra=OBSERVING,
+        description="Cosine of a match that is trusted in full; images whose best match is weaker sharpen the belief less.",
     )
-    min_visible: Share = Field(0.05, description="An image with a smaller share of usable pixels says nothing and is skipped.")
+    min_visible: Share = Field(
+        0.05,
+        json_schema_extra=OBSERVING,
+        description="An image with a smaller share of usable pixels says nothing and is skipped.",
+    )
     virtual_places: VirtualPlacesSettings = Field(
         default_factory=VirtualPlacesSettings, description="Places between the references."
     )
-    refinement: RefinementSettings = Field(default_factory=RefinementSettings, description="The pose between the places.")
+    refinement: RefinementSettings = Field(
+        default_factory=RefinementSettings, json_schema_extra=OBSERVING, description="The pose between the places."
+    )
 
 
 class PaperSettings(StrictModel):

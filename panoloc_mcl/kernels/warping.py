@@ -173,6 +173,7 @@ def normal_equations(
     floor: Float64,
     tangents: Float64,
     row_step: float,
+    every: int,
 ) -> tuple[Float64, Float64, float, float, float, float, float]:
     """Gauss-Newton equations of the pose and the tilt that bring a view into agreement with an image.
 
@@ -192,6 +193,8 @@ def normal_equations(
         Tangent of the row's elevation.
     row_step : float
         Elevation of a row, radians.
+    every : int
+        Only every so many rows are used; neighbouring rows say nearly the same.
 
     Returns
     -------
@@ -213,7 +216,7 @@ def normal_equations(
     jacobian_re, jacobian_im = np.empty(5), np.empty(5)
     azimuths = -2.0 * np.pi * np.arange(columns) / columns
     cosines, sines = np.cos(azimuths), np.sin(azimuths)
-    for r in range(1, rows - 1):
+    for r in range(1, rows - 1, every):
         # Half the sine of twice the elevation: what a step towards a point changes in its elevation, times its distance.
         lift = tangents[r] / (1.0 + tangents[r] * tangents[r])
         for c in range(columns):

@@ -24,6 +24,10 @@ class ObservationModel(Protocol):
     places: Places
     #: False: votes hold at every heading alike, and fields have a single row (see `VoteField.gives_heading`).
     gives_heading: bool
+    #: Whether `build` draws random numbers from its seed.
+    draws: bool = False
+    #: What the user should know of how the map turned out, such as why there are no virtual places.
+    notes: tuple[str, ...] = ()
 
     @classmethod
     def build(cls, references: ReferencePanoramas, settings: Any, seed: int, progress: Progress = no_progress) -> Self:

@@ -49,6 +49,8 @@ class PaperModel:
 
     name = "paper"
     gives_heading = True
+    draws = True
+    notes: tuple[str, ...] = ()
 
     def __init__(
         self,

@@ -9,6 +9,7 @@ the paper's voting function (eq. 3).
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from typing import Any, Self
 
@@ -65,6 +66,7 @@ class VotesModel:
 
     name = "votes"
     gives_heading = True
+    draws = False
     gives_heading = True
 
     def __init__(
@@ -233,7 +235,8 @@ def _synthesizer(
         return None, ("no virtual places: the camera's height is not known; give camera.height_m in dataset.yaml",)
     if len(np.unique(references.positions, axis=0)) < 2:
         return None, ("no virtual places: a single reference has no neighbours to see depth with",)
-    profiles = sweep_profiles(references, height, settings, progress)
+    threads = settings.virtual_places.threads or os.cpu_count() or 1
+    profiles = sweep_profiles(references, height, settings, progress, threads)
     # As the map file keeps them, so that a map that was loaded gives the same votes to the last bit.
     profiles = profiles.astype(np.float32).astype(np.float64)
     return ViewSynthesizer(references, profiles, height), ()

@@ -38,13 +38,15 @@ class Scale(NamedTuple):
 
 _COARSE_STEPS = (Scale(4, 5.0), Scale(4, 5.0), Scale(2, 2.0))
 _FINE = Scale(1, 0.0)
+# At full resolution every second row is enough: smoothing and gradients make neighbouring rows say nearly the same.
+_ROWS_SKIPPED = 2
 _LARGEST_STEP_M = 0.15
 _LARGEST_TURN = np.radians(2.0)
 # Standard deviation of pitch and roll before the image is seen, radians.
 _SD_TILT = np.radians(2.0)
 # Neighbouring pixels and both channels err together, and the views are not exact: so many of them count as one. Chosen so
 # that errors on recorded data are as large as the covariance says.
-_CORRELATED = 50.0
+_CORRELATED = 25.0
 # Converged: a step this small is far below what the image can tell.
 _SMALLEST_STEP_M, _SMALLEST_TURN = 1e-3, np.radians(0.01)
 # Sources are weighted by 1 / (distance + this).
@@ -127,6 +129,7 @@ class PoseRefiner:
                 floor,
                 tangents,
                 rays.row_step * scale.stride,
+                _ROWS_SKIPPED if scale is _FINE else 1,
             )
             weight = 1.0 / (float(distance) + _NEAR_M)
             normal += weight * part[0]

@@ -60,6 +60,8 @@ class Peer(ABC, Generic[Settings]):
     """
 
     name: str
+    draws: bool = False
+    notes: tuple[str, ...] = ()
     #: False: votes do not depend on the heading, and fields have a single row (see `VoteField.gives_heading`).
     gives_heading: bool = True
 
