@@ -68,7 +68,7 @@ def _move_profile() -> tuple[Any, ...]:
 def _normal_equations() -> tuple[Any, ...]:
     features, usable = np.ones((3, 8), dtype=np.complex64), np.ones((3, 8), dtype=np.bool_)
     profile, tangents = np.full(8, 2.0), np.array([0.5, 0.1, -0.5])
-    return features, usable, features, usable, profile, np.array([np.inf, np.inf, 1.2]), tangents, 0.4
+    return features, usable, features, usable, profile, np.array([np.inf, np.inf, 1.2]), tangents, 0.4, 1
 
 
 #: By ``module.kernel``: the arguments of one call.

@@ -113,7 +113,8 @@ class PoseRefiner:
         sources = min(self._settings.refinement.sources, len(self._synthesizer.references))
         distances, indices = (np.atleast_1d(part) for part in self._tree.query(position, k=sources))
         rays = self._synthesizer.rays
-        floor, tangents = rays.floor[:: scale.stride], rays.tangents[:: scale.stride]
+        # Contiguous, as strided arrays would compile the kernel a second time.
+        floor, tangents = (np.ascontiguousarray(part[:: scale.stride]) for part in (rays.floor, rays.tangents))
         normal, right = np.zeros((5, 5)), np.zeros(5)
         residual = count = common = 0.0
         mine = theirs = 1e-12
@@ -125,7 +126,7 @@ class PoseRefiner:
                 view_usable,
                 query,
                 query_usable,
-                profile[:: scale.stride],
+                np.ascontiguousarray(profile[:: scale.stride]),
                 floor,
                 tangents,
                 rays.row_step * scale.stride,
