@@ -72,7 +72,7 @@ class VirtualPlacesSettings(StrictModel):
     """Places between the references, where no camera stood: their views are synthesised from the references around them."""
 
     enabled: bool = Field(
-        False, description="Whether to synthesise them. Needs the camera's height and neighbouring references."
+        True, description="Whether to synthesise them. Needs the camera's height and neighbouring references."
     )
     spacing_m: Positive | None = Field(
         None,
