@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -75,6 +77,7 @@ def eigenspace_of(
     default_components: int,
     key: str,
     progress: Progress = no_progress,
+    threads: int = 1,
 ) -> Eigenspace:
     """Eigenspace of many images that are made one by one and never held all at once.
 
@@ -92,6 +95,8 @@ def eigenspace_of(
     key : str
         Name of the setting, for the error.
     progress : callable (done, total, what)
+    threads : int
+        Images that are made at once; the result does not depend on it.
 
     Raises
     ------
@@ -99,23 +104,38 @@ def eigenspace_of(
         ``components`` exceeds what the images span.
     """
     chosen = np.unique(np.linspace(0, count - 1, min(count, _BASIS_IMAGES)).round().astype(np.int64))
-    first = image(int(chosen[0]))
-    basis = np.empty((len(chosen), len(first)), dtype=first.dtype)
-    basis[0] = first
-    for row, index in enumerate(chosen[1:], start=1):
-        basis[row] = image(int(index))
-        progress(row + 1, count, "views")
-    wanted = min(default_components, spanned(basis)) if components is None else components
-    inner = principal_components(basis, wanted, key)
-    coefficients = np.empty((count, wanted), dtype=basis.dtype)
-    coefficients[chosen] = inner.coefficients
-    del basis
-    done = len(chosen)
-    for index in np.setdiff1d(np.arange(count), chosen):
-        coefficients[index] = inner.eigenimages.conj() @ image(int(index))
-        done += 1
-        progress(done, count, "views")
+    others = np.setdiff1d(np.arange(count), chosen)
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        basis = None
+        for row, made in enumerate(_in_order(pool, image, chosen, threads)):
+            if basis is None:
+                basis = np.empty((len(chosen), len(made)), dtype=made.dtype)
+            basis[row] = made
+            progress(row + 1, count, "views")
+        assert basis is not None
+        wanted = min(default_components, spanned(basis)) if components is None else components
+        inner = principal_components(basis, wanted, key)
+        coefficients = np.empty((count, wanted), dtype=basis.dtype)
+        coefficients[chosen] = inner.coefficients
+        del basis
+        projector = inner.eigenimages.conj()
+        for done, (index, made) in enumerate(zip(others, _in_order(pool, image, others, threads), strict=True)):
+            coefficients[index] = projector @ made
+            progress(len(chosen) + done + 1, count, "views")
     return Eigenspace(inner.eigenimages, coefficients, inner.kept)
+
+
+def _in_order(
+    pool: Executor, image: Callable[[int], NDArray[Any]], indices: NDArray[np.int64], ahead: int
+) -> Iterator[NDArray[Any]]:
+    """Images in order, made at most a few ahead of their use, so that memory stays bounded."""
+    waiting: deque[Future[NDArray[Any]]] = deque()
+    for index in indices:
+        waiting.append(pool.submit(image, int(index)))
+        if len(waiting) > 2 * ahead:
+            yield waiting.popleft().result()
+    while waiting:
+        yield waiting.popleft().result()
 
 
 def spanned(images: NDArray[Any]) -> int:

@@ -129,6 +129,7 @@ class VotesModel:
             _default_components(len(places)),
             "observation.votes.components",
             progress,
+            _threads(settings),
         )
         # The norm of a place is that of its coefficients (eq. 4): what the eigenimages do not hold must not count against it.
         held = np.sum(np.abs(eigenspace.coefficients) ** 2, axis=1)
@@ -213,6 +214,10 @@ class VotesModel:
         return np.asarray(turned_real @ self._coefficients_real.T, dtype=np.float32)
 
 
+def _threads(settings: VotesSettings) -> int:
+    return settings.virtual_places.threads or os.cpu_count() or 1
+
+
 def _check_texture(references: ReferencePanoramas, settings: VotesSettings) -> None:
     rows, columns = references.geometry.shape
     faults = []
@@ -235,8 +240,7 @@ def _synthesizer(
         return None, ("no virtual places: the camera's height is not known; give camera.height_m in dataset.yaml",)
     if len(np.unique(references.positions, axis=0)) < 2:
         return None, ("no virtual places: a single reference has no neighbours to see depth with",)
-    threads = settings.virtual_places.threads or os.cpu_count() or 1
-    profiles = sweep_profiles(references, height, settings, progress, threads)
+    profiles = sweep_profiles(references, height, settings, progress, _threads(settings))
     # As the map file keeps them, so that a map that was loaded gives the same votes to the last bit.
     profiles = profiles.astype(np.float32).astype(np.float64)
     return ViewSynthesizer(references, profiles, height), ()
