@@ -15,6 +15,7 @@ from panoloc_mcl.errors import MapError
 from panoloc_mcl.progress import Progress, no_progress
 
 _BASIS_IMAGES = 300
+_BLOCK_PIXELS = 4096
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +53,7 @@ def principal_components(images: NDArray[Any], components: int, key: str) -> Eig
     MapError
         ``components`` exceeds what the images span.
     """
-    gram = (images @ images.conj().T).astype(np.complex128 if np.iscomplexobj(images) else np.float64)
+    gram = _inner_products(images)
     values, vectors = np.linalg.eigh(gram)
     values, vectors = values[::-1], vectors[:, ::-1]
     rank = int(np.sum(values > 1e-6 * max(values[0], np.finfo(np.float64).tiny)))
@@ -125,6 +126,16 @@ def eigenspace_of(
     return Eigenspace(inner.eigenimages, coefficients, inner.kept)
 
 
+def _inner_products(images: NDArray[Any]) -> NDArray[Any]:
+    """Inner products of all pairs, summed in double precision over blocks of pixels, which keeps memory small."""
+    double = np.complex128 if np.iscomplexobj(images) else np.float64
+    gram = np.zeros((len(images), len(images)), dtype=double)
+    for start in range(0, images.shape[1], _BLOCK_PIXELS):
+        block = images[:, start : start + _BLOCK_PIXELS].astype(double)
+        gram += block @ block.conj().T
+    return gram
+
+
 def _in_order(
     pool: Executor, image: Callable[[int], NDArray[Any]], indices: NDArray[np.int64], ahead: int
 ) -> Iterator[NDArray[Any]]:
@@ -140,6 +151,6 @@ def _in_order(
 
 def spanned(images: NDArray[Any]) -> int:
     """How many eigenimages the images span (numerical rank)."""
-    gram = (images @ images.conj().T).astype(np.complex128 if np.iscomplexobj(images) else np.float64)
+    gram = _inner_products(images)
     values = np.linalg.eigvalsh(gram)
     return int(np.sum(values > 1e-6 * max(values[-1], np.finfo(np.float64).tiny)))
