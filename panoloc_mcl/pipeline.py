@@ -185,9 +185,12 @@ def localize(
     )
     frames: list[int] = []
     estimates: list[Estimate] = []
+    steps = []
     for index, estimate in answers(localizer, drive):
         frames.append(index)
-        estimates.append(estimate)
+        steps.append(step_row(estimate))
+        # A vote field takes a megabyte; a long drive has thousands.
+        estimates.append(replace(estimate, vote_field=None))
     times = drive.times[frames]
     record = SequenceRecord(
         name=drive.name,
@@ -200,7 +203,7 @@ def localize(
         step_ms=np.array([sum(estimate.stage_ms.values()) for estimate in estimates]),
         kidnapped=_carried_over(task.kidnapped, frames),
     )
-    return record, [step_row(estimate) for estimate in estimates], localizer.images_skipped
+    return record, steps, localizer.images_skipped
 
 
 def answers(localizer: Localizer, drive: Drive) -> Iterator[tuple[int, Estimate]]:

@@ -131,6 +131,11 @@ class VotesSettings(StrictModel):
         None,
         description="Eigenimages kept; null = an eighth of the places, 60 at least and 200 at most, as far as they span them.",
     )
+    bandwidth: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
+        0.35,
+        description="Share of the row frequencies that votes are formed from, the lowest first. The finest tell no more about "
+        "places and cost as much.",
+    )
     vote_width: Positive = Field(
         0.7,
         le=3.2,

@@ -129,7 +129,7 @@ def eigenspace_of(
 def _inner_products(images: NDArray[Any]) -> NDArray[Any]:
     """Inner products of all pairs, summed in double precision over blocks of pixels, which keeps memory small."""
     double = np.complex128 if np.iscomplexobj(images) else np.float64
-    gram = np.zeros((len(images), len(images)), dtype=double)
+    gram: NDArray[Any] = np.zeros((len(images), len(images)), dtype=double)
     for start in range(0, images.shape[1], _BLOCK_PIXELS):
         block = images[:, start : start + _BLOCK_PIXELS].astype(double)
         gram += block @ block.conj().T

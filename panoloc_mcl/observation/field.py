@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -103,11 +103,8 @@ class VoteField:
         near_heading = np.abs(angle_difference(self.headings, self.headings[row])) <= np.radians(_RIVAL_DEG)
         offsets = self.places.positions - self.places.positions[place]
         near_place = np.hypot(offsets[:, 0], offsets[:, 1]) <= _RIVAL_SPACINGS * self.places.spacing
-        rival = 0.0
-        if not near_heading.all():
-            rival = float(self.votes[~near_heading].max())
-        if not near_place.all():
-            rival = max(rival, float(self.votes[:, ~near_place].max()))
+        rivals = [self.votes.max(axis=1)[~near_heading], self.votes.max(axis=0)[~near_place]]
+        rival = max((float(group.max()) for group in rivals if group.size), default=0.0)
         margin = (best - rival) / best if best > 0.0 else 0.0
         return Peak(place, self._between_headings(row, place), best, margin)
 
@@ -137,14 +134,21 @@ class VoteField:
         offset = 0.5 * (before - after) / curvature if curvature < 0.0 else 0.0
         return float(wrap_angle(heading + offset * 2.0 * np.pi / count))
 
+    def with_measurement(self, measurement: PoseMeasurement) -> VoteField:
+        """The same field with the pose that the image gives by itself."""
+        field = replace(self, measurement=measurement)
+        # What is worked out already holds for it, too.
+        field.__dict__.update({name: self.__dict__[name] for name in ("peak", "best_pose") if name in self.__dict__})
+        return field
+
     def sample(self, count: int, rng: np.random.Generator) -> Float64:
         """Poses drawn in proportion to the likelihood of the cells, spread over their cell. float64 (count, 3).
 
         Where the image gives no heading, headings are uniform.
         """
         flat = self.votes.ravel()
-        # Cells seven standard deviations below the best are never drawn; leaving them out saves the work of nearly all cells.
-        likely = np.flatnonzero(flat >= self.peak.votes - 7.0 * self.tolerance)
+        # Cells five standard deviations below the best are hardly ever drawn; leaving them out saves the work of nearly all cells.
+        likely = np.flatnonzero(flat >= self.peak.votes - 5.0 * self.tolerance)
         cumulative = np.cumsum(np.exp(self.log_likelihood(flat[likely])))
         drawn = np.minimum(np.searchsorted(cumulative, rng.random(count) * cumulative[-1], side="right"), len(cumulative) - 1)
         rows, places = np.divmod(likely[drawn], self.votes.shape[1])

@@ -10,7 +10,6 @@ the paper's voting function (eq. 3).
 from __future__ import annotations
 
 import os
-from dataclasses import replace
 from typing import Any, Self
 
 import numpy as np
@@ -48,8 +47,10 @@ class VotesModel:
     ----------
     places : Places
     settings : VotesSettings
-    spectra : complex64 (columns, p, rows)
-        Conjugate row spectra of the eigenimages, frequency first.
+    columns : int
+        Of a panorama: as many headings are voted on.
+    spectra : complex64 (frequencies, p, rows)
+        Conjugate row spectra of the eigenimages, frequency first, as far as ``bandwidth`` goes.
     coefficients : complex64 (k, p)
         Of the places.
     energy : float32 (k, r, c)
@@ -73,6 +74,7 @@ class VotesModel:
         self,
         places: Places,
         settings: VotesSettings,
+        columns: int,
         spectra: Complex64,
         coefficients: Complex64,
         energy: Float32,
@@ -90,7 +92,7 @@ class VotesModel:
         self._norms = OverlapNorms(energy, usable)
         # Re(conj(a) b) as one real product: [Re a, Im a] . [Re b, Im b].
         self._coefficients_real = np.hstack([coefficients.real, coefficients.imag]).astype(np.float32)
-        columns = spectra.shape[0]
+        self._frequencies = _frequencies(columns, settings.bandwidth)
         self._headings = 2.0 * np.pi * np.arange(columns) / columns
         self._synthesizer = synthesizer
         refines = synthesizer is not None and settings.refinement.enabled
@@ -136,10 +138,13 @@ class VotesModel:
         energy = np.stack([energies[index] for index in range(len(places))])
         usable = np.stack([shares[index] for index in range(len(places))])
         energy *= (held / np.maximum(energy.sum(axis=(1, 2)), 1e-12))[:, None, None]
-        spectra = np.empty((columns, len(eigenspace.eigenimages), rows), dtype=np.complex64)
+        kept = _frequencies(columns, settings.bandwidth)
+        spectra = np.empty((len(kept), len(eigenspace.eigenimages), rows), dtype=np.complex64)
         for index, eigenimage in enumerate(eigenspace.eigenimages):
-            spectra[:, index, :] = fft.fft(eigenimage.reshape(rows, columns), axis=1).conj().T
-        return cls(places, settings, spectra, eigenspace.coefficients, energy, usable, eigenspace.kept, synthesizer, notes)
+            spectra[:, index, :] = fft.fft(eigenimage.reshape(rows, columns), axis=1).conj().T[kept]
+        return cls(
+            places, settings, columns, spectra, eigenspace.coefficients, energy, usable, eigenspace.kept, synthesizer, notes
+        )
 
     @classmethod
     def restore(cls, references: ReferencePanoramas, settings: VotesSettings, arrays: Arrays) -> Self:
@@ -150,6 +155,7 @@ class VotesModel:
         return cls(
             _places(references, settings, synthesizer),
             settings,
+            references.geometry.width,
             arrays["spectra"],
             arrays["coefficients"],
             arrays["energy"],
@@ -187,7 +193,7 @@ class VotesModel:
             field = VoteField(votes, self._headings, self.places, tolerance)
             if self._refiner is None:
                 return field
-            return replace(field, measurement=self._refiner.refine(z, mask, field.best_pose))
+            return field.with_measurement(self._refiner.refine(z, mask, field.best_pose))
         return VoteField(at_headings(votes, headings), headings, self.places, tolerance, full_circle=False)
 
     def _problem(self, panorama: Panorama, z: Complex64, mask: NDArray[np.bool_]) -> str:
@@ -207,11 +213,18 @@ class VotesModel:
 
     def _correlations(self, z: Complex64) -> Float32:
         """Inner products of the turned image with every place's reconstruction, float32 (headings, k)."""
-        spectrum = np.ascontiguousarray(fft.fft(z, axis=1).T)
-        projections = np.matmul(self._spectra, spectrum[:, :, None])[:, :, 0]
+        spectrum = np.ascontiguousarray(fft.fft(z, axis=1).T[self._frequencies])
+        projections = np.zeros((z.shape[1], self._spectra.shape[1]), dtype=np.complex64)
+        projections[self._frequencies] = np.matmul(self._spectra, spectrum[:, :, None])[:, :, 0]
         turned = fft.ifft(projections, axis=0)
         turned_real = np.hstack([turned.real, turned.imag]).astype(np.float32, copy=False)
         return np.asarray(turned_real @ self._coefficients_real.T, dtype=np.float32)
+
+
+def _frequencies(columns: int, bandwidth: float) -> NDArray[np.int64]:
+    """Indices of the lowest row frequencies, both signs, as a transform over all columns orders them."""
+    highest = max(1, int(0.5 * bandwidth * columns))
+    return np.flatnonzero(np.abs(np.rint(fft.fftfreq(columns) * columns)) <= highest)
 
 
 def _threads(settings: VotesSettings) -> int:

@@ -10,7 +10,8 @@ from panoloc_mcl.eigenspace.gradients import orientations
 from panoloc_mcl.errors import MapError
 from panoloc_mcl.observation import VotesModel
 
-SETTINGS = VotesSettings()
+# All frequencies, so that votes can be held against brute force; what the finest ones tell is tested below.
+SETTINGS = VotesSettings(bandwidth=1.0)
 WORLD = random_world(6)
 MODEL = VotesModel.build(WORLD, SETTINGS)
 FULL_TURN = 2.0 * np.pi
@@ -27,7 +28,7 @@ def expected_votes(image: np.ndarray, chosen: VotesSettings, world=WORLD) -> np.
 
 @pytest.mark.parametrize("gradient", ["doubled_angle", "signed"])
 def test_votes_agree_with_brute_force(gradient: str) -> None:
-    chosen = VotesSettings(gradient=gradient)
+    chosen = VotesSettings(gradient=gradient, bandwidth=1.0)
     model = VotesModel.build(WORLD, chosen)
     for seed, columns in ((0, 0), (3, 17), (50, 0)):
         image = turned(texture(seed), columns)
@@ -151,7 +152,7 @@ def test_few_references_suffice(count: int) -> None:
 
 
 def test_fewer_components_still_find_the_place_and_keep_less() -> None:
-    coarse = VotesModel.build(WORLD, VotesSettings(components=4))
+    coarse = VotesModel.build(WORLD, VotesSettings(components=4, bandwidth=1.0))
     assert coarse.kept < MODEL.kept <= 1.0
     assert MODEL.kept == pytest.approx(1.0)
     field = coarse.observe(panorama(turned(texture(0), 8)))
@@ -196,3 +197,11 @@ def test_sizes_that_no_block_divides() -> None:
         peak = model.observe(panorama(turned(texture(2, 13, 37), columns))).peak
         assert peak.place == 2
         assert np.cos(peak.heading - columns * FULL_TURN / 37) > np.cos(np.radians(1.0))
+
+
+@pytest.mark.parametrize("place", range(6))
+def test_a_narrow_band_finds_the_same_place_and_heading(place: int) -> None:
+    narrow = VotesModel.build(WORLD, VotesSettings(bandwidth=0.4))
+    peak = narrow.observe(panorama(turned(WORLD.pixels[place], 17))).peak
+    assert peak.place == place
+    assert peak.heading == pytest.approx(17 * FULL_TURN / COLUMNS - FULL_TURN * (17 * 2 > COLUMNS), abs=0.5 * FULL_TURN / COLUMNS)
