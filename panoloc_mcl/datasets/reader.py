@@ -130,7 +130,7 @@ def _read_sequence(
     odometry = _read_trajectory(folder / "odometry.tum", faults)
     groundtruth = _read_trajectory(folder / "groundtruth.tum", faults)
     seen_by = _folder_camera(folder, camera, faults)
-    size = _common_size(folder, table.files, faults) if table is not None else None
+    size = _common_size(folder, table.files, faults, spared=True) if table is not None else None
     if table is None or seen_by is None or size is None or not _fits(folder, seen_by, size, shared, faults):
         return None
     if len(faults) > before:
@@ -162,14 +162,16 @@ def _folder_camera(
         return None
 
 
-def _common_size(folder: Path, files: tuple[Path, ...], faults: list[str]) -> tuple[int, int] | None:
+def _common_size(folder: Path, files: tuple[Path, ...], faults: list[str], spared: bool = False) -> tuple[int, int] | None:
+    """Size of a folder's images; ``spared``: a damaged frame of a drive is met when its turn comes, and does not end the run."""
     sizes: dict[Path, tuple[int, int]] = {}
-    found: list[str] = []
+    damaged: list[str] = []
     for file in files:
         try:
             sizes[file] = image_size(file)
         except ImageError as error:
-            found.extend(error.faults)
+            damaged.extend(error.faults)
+    found = list(damaged) if not (spared and sizes) else []
     if sizes:
         common = Counter(sizes.values()).most_common(1)[0][0]
         for file, size in sizes.items():

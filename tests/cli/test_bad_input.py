@@ -43,9 +43,10 @@ class TestDataSets:
         frame(drive, 3).unlink()
         refused(run_small(), tmp_path, f"{drive / 'frames.csv'}:5", "images/f003.png: no such file")
 
-    def test_file_that_is_no_image(self, run_small, drive, tmp_path):
-        frame(drive, 3).write_text("not an image")
-        refused(run_small(), tmp_path, frame(drive, 3).name, "not a whole PNG or JPEG")
+    def test_reference_that_is_no_image(self, run_small, small_room, tmp_path):
+        image = next((small_room / "references").rglob("*.jpg"), None) or next((small_room / "references").rglob("*.png"))
+        image.write_text("not an image")
+        refused(run_small(), tmp_path, image.name, "not a whole PNG or JPEG")
 
     def test_missing_reference(self, run_small, small_room, tmp_path):
         image = next((small_room / "references").rglob("*.jpg"), None) or next((small_room / "references").rglob("*.png"))
@@ -207,6 +208,11 @@ class TestSurvived:
     def test_corrupt_frame(self, run_small, drive):
         image = frame(drive, 4)
         image.write_bytes(image.read_bytes()[:-200])
+        self.survived(run_small(), 4)
+
+    @pytest.mark.parametrize("content", [b"", b"not an image"])
+    def test_frame_that_is_no_image(self, run_small, drive, content):
+        frame(drive, 4).write_bytes(content)
         self.survived(run_small(), 4)
 
     @pytest.mark.parametrize("level", [0, 255])

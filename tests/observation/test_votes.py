@@ -204,4 +204,6 @@ def test_a_narrow_band_finds_the_same_place_and_heading(place: int) -> None:
     narrow = VotesModel.build(WORLD, VotesSettings(bandwidth=0.4))
     peak = narrow.observe(panorama(turned(WORLD.pixels[place], 17))).peak
     assert peak.place == place
-    assert peak.heading == pytest.approx(17 * FULL_TURN / COLUMNS - FULL_TURN * (17 * 2 > COLUMNS), abs=0.5 * FULL_TURN / COLUMNS)
+    assert peak.heading == pytest.approx(
+        17 * FULL_TURN / COLUMNS - FULL_TURN * (COLUMNS < 17 * 2), abs=0.5 * FULL_TURN / COLUMNS
+    )
