@@ -52,6 +52,7 @@ class MonteCarloFilter:
         self._has_converged = False
         self._match = math.nan
         self._match_slow = self._match_fast = math.nan
+        self._fit = math.nan
         self._votes: VoteField | None = None
         self._effective = float(settings.particles)
         self._resampled = False
@@ -99,6 +100,7 @@ class MonteCarloFilter:
         self._judge(self._field_log_likelihood(votes, offset))
         self._recover(votes, offset)
         self._reweight(votes, offset)
+        self._judge_posterior(votes, offset)
         self._resample()
 
     def _seen_from(self, offset: Motion | None) -> Float64:
@@ -122,6 +124,14 @@ class MonteCarloFilter:
         recovery = self.settings.recovery
         self._match_slow += recovery.slow * (self._match - self._match_slow)
         self._match_fast += recovery.fast * (self._match - self._match_fast)
+
+    def _judge_posterior(self, votes: VoteField, offset: Motion | None) -> None:
+        """Running share of the best votes that the belief explains once it has seen the image: low when it sits where images do not fit.
+
+        Before the image a wide belief explains little, too, for instance after a long way without images.
+        """
+        fit = float(self._weights() @ np.exp(self._field_log_likelihood(votes, offset)))
+        self._fit = fit if math.isnan(self._fit) else self._fit + self.settings.recovery.fast * (fit - self._fit)
 
     def _recover(self, votes: VoteField, offset: Motion | None) -> None:
         """Replace a share of the particles by poses drawn from the image; all are weighed alike afterwards."""
@@ -222,10 +232,10 @@ class MonteCarloFilter:
         best = clusters[0]
         compact = best.spread_m < limits.converged_spread_m and best.spread_deg < limits.converged_spread_deg
         if best.mass > limits.converged_mass and compact:
-            if self._has_converged and self._match_fast < limits.lost_match:
+            if self._has_converged and self._fit < limits.lost_match:
                 return Status.LOST
             self._has_converged = True
             return Status.CONVERGED
         if sum(cluster.mass > limits.ambiguous_mass for cluster in clusters) >= 2:
             return Status.AMBIGUOUS
-        return Status.LOST if self._has_converged and self._match_fast < limits.lost_match else Status.SEARCHING
+        return Status.LOST if self._has_converged and self._fit < limits.lost_match else Status.SEARCHING

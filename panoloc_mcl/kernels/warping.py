@@ -148,6 +148,9 @@ def move_profile(profile: Float64, dx: float, dy: float) -> Float64:
                 if distance < moved[i]:
                     moved[i] = distance
         previous_column, previous_range = column, distance
+    if np.all(np.isinf(moved)):
+        # Seen from very far away all walls fit between two columns.
+        moved[:] = previous_range
     # A hole lies behind an edge: what shows in it is the farther of its two rims.
     for c in range(columns):
         if not np.isinf(moved[c]):

@@ -1,0 +1,206 @@
+"""What can go wrong with a panorama: noise, occlusion, light, focus and tilt.
+
+Every function takes an 8-bit image of shape (rows, columns) or (rows, columns, channels), a generator and severities, and gives a
+new image of the same shape. Columns are a circle: nothing shows a seam between the last and the first. All channels of a pixel
+suffer alike, but for noise. The severity that changes nothing (a share, sigma or angle of 0, a gain of 1) returns an equal image.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+Image = NDArray[np.uint8]
+Float64 = NDArray[np.float64]
+
+
+def random_pixels(image: Image, rng: np.random.Generator, share: float) -> Image:
+    """Replace a share of the pixels by random ones, as in section 4 of the paper.
+
+    Parameters
+    ----------
+    image : uint8 (rows, columns) or (rows, columns, channels)
+    rng : Generator
+    share : float
+        Of the pixels, in [0, 1]; rounded to whole pixels, each of which gets another value than it had.
+    """
+    corrupted = image.copy()
+    pixels = corrupted.reshape(image.shape[0] * image.shape[1], -1)
+    chosen = rng.permutation(len(pixels))[: round(share * len(pixels))]
+    # Adding 1 to 255 modulo 256 reaches every value but the old one, all with the same chance.
+    pixels[chosen] += rng.integers(1, 256, (len(chosen), pixels.shape[1]), dtype=np.uint8)
+    return corrupted
+
+
+def bars(image: Image, rng: np.random.Generator, share: float, count: int = 4) -> Image:
+    """Black vertical bars, as in section 4 of the paper.
+
+    Parameters
+    ----------
+    image : uint8 (rows, columns) or (rows, columns, channels)
+    rng : Generator
+    share : float
+        Of the columns that the bars cover together, in [0, 1]; rounded to whole columns.
+    count : int
+        Bars, of random widths and at random distances; fewer where the columns do not suffice to keep them apart.
+    """
+    columns = image.shape[1]
+    covered = round(share * columns)
+    corrupted = image.copy()
+    count = min(count, covered, max(columns - covered, 1))
+    if count > 0:
+        widths, gaps = _parts(covered, count, rng), _parts(columns - covered, count, rng)
+        black = np.repeat(np.tile([True, False], count), np.stack([widths, gaps], axis=1).ravel())
+        corrupted[:, np.roll(black, rng.integers(columns))] = 0
+    return corrupted
+
+
+def blobs(image: Image, rng: np.random.Generator, share: float, size_deg: float = 10.0) -> Image:
+    """Plain grey blobs in front of the scene, such as things that were not there when the map was made.
+
+    Parameters
+    ----------
+    image : uint8 (rows, columns) or (rows, columns, channels)
+    rng : Generator
+    share : float
+        Of the pixels that the blobs cover together, in [0, 1]; rounded to whole pixels.
+    size_deg : float
+        Their scale (correlation length of the random field whose highest parts they are), degrees of azimuth.
+    """
+    rows, columns = image.shape[:2]
+    field = _smooth_field(rows, columns, size_deg, rng).ravel()
+    level = rng.integers(32, 224, dtype=np.uint8)
+    corrupted = image.copy()
+    covered = np.argsort(field)[rows * columns - round(share * rows * columns) :]
+    corrupted.reshape(rows * columns, -1)[covered] = level
+    return corrupted
+
+
+def gain(image: Image, rng: np.random.Generator, factor: float) -> Image:
+    """Another exposure: all grey levels times ``factor``, saturated at 255 (``rng`` is not used).
+
+    Parameters
+    ----------
+    image : uint8 (rows, columns) or (rows, columns, channels)
+    rng : Generator
+    factor : float
+        At least 0.
+    """
+    return _to_8_bits(image * np.float64(factor))
+
+
+def spatial_light(
+    image: Image,
+    rng: np.random.Generator,
+    log_sd: float = 0.6,
+    gain: float = 0.12,
+    scale_deg: float = 30.0,
+    full_well: float = 10_000.0,
+    read_noise: float = 8.0,
+) -> Image:
+    """Light that varies over the room: the image times the exponential of a smooth random field, seen by a noisy 8-bit camera.
+
+    Parameters
+    ----------
+    image : uint8 (rows, columns) or (rows, columns, channels)
+    rng : Generator
+    log_sd : float
+        Standard deviation of the logarithm of the light over the image.
+    gain : float
+        Factor on all of it: how much darker the room is.
+    scale_deg : float
+        Correlation length of the light, degrees of azimuth.
+    full_well : float
+        Electrons of a pixel at grey level 255, which set the shot noise; 0 = none.
+    read_noise : float
+        Standard deviation, electrons; without effect where there is no ``full_well``.
+    """
+    rows, columns = image.shape[:2]
+    light = gain * np.exp(log_sd * _smooth_field(rows, columns, scale_deg, rng))
+    levels = image * light.reshape(light.shape + (1,) * (image.ndim - 2))
+    if full_well > 0.0:
+        # The sensor saturates before anything is counted.
+        electrons = np.minimum(levels, 255.0) * (full_well / 255.0)
+        counted = rng.poisson(electrons) + rng.normal(0.0, read_noise, electrons.shape)
+        levels = counted * (255.0 / full_well)
+    return _to_8_bits(levels)
+
+
+def blur(image: Image, rng: np.random.Generator, sigma: float) -> Image:
+    """Out of focus: a Gaussian over rows and columns (``rng`` is not used).
+
+    Parameters
+    ----------
+    image : uint8 (rows, columns) or (rows, columns, channels)
+    rng : Generator
+    sigma : float
+        Standard deviation, pixels.
+    """
+    if sigma == 0.0:
+        return image.copy()
+    sigmas = (sigma, sigma, 0.0)[: image.ndim]
+    modes = ("nearest", "wrap", "nearest")[: image.ndim]
+    return _to_8_bits(gaussian_filter(image.astype(np.float64), sigmas, mode=modes))
+
+
+def tilt(image: Image, rng: np.random.Generator, degrees: float, vertical_field_deg: float) -> Image:
+    """A camera that leans in a random direction: rows move up and down sinusoidally with azimuth.
+
+    To first order that is all a small tilt does; the shift along the columns, smaller by the tangent of the elevation, is left out.
+    Rows that come in from beyond the image repeat its rim.
+
+    Parameters
+    ----------
+    image : uint8 (rows, columns) or (rows, columns, channels)
+    rng : Generator
+    degrees : float
+        Angle of the tilt, which is the largest shift.
+    vertical_field_deg : float
+        Elevations that the rows cover, degrees.
+    """
+    if degrees == 0.0:
+        return image.copy()
+    rows, columns = image.shape[:2]
+    direction = rng.uniform(0.0, 2.0 * np.pi)
+    shift = degrees * rows / vertical_field_deg * np.cos(2.0 * np.pi * np.arange(columns) / columns - direction)
+    from_row = (np.arange(rows)[:, None] + shift).astype(np.float32)
+    from_column = np.broadcast_to(np.arange(columns, dtype=np.float32), (rows, columns))
+    moved = cv2.remap(image, np.ascontiguousarray(from_column), from_row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(moved, dtype=np.uint8).reshape(image.shape)
+
+
+def noise(image: Image, rng: np.random.Generator, sd: float) -> Image:
+    """Gaussian noise of every pixel and channel.
+
+    Parameters
+    ----------
+    image : uint8 (rows, columns) or (rows, columns, channels)
+    rng : Generator
+    sd : float
+        Standard deviation, grey levels.
+    """
+    return _to_8_bits(image + rng.normal(0.0, sd, image.shape))
+
+
+def _to_8_bits(levels: Float64) -> Image:
+    return np.clip(np.rint(levels), 0.0, 255.0).astype(np.uint8)
+
+
+def _parts(total: int, count: int, rng: np.random.Generator) -> NDArray[np.int64]:
+    """Random whole numbers that add up to ``total``, each at least 1 if there is enough for that."""
+    if total < count:
+        return np.diff(np.linspace(0, total, count + 1).astype(np.int64))
+    cuts = np.sort(rng.choice(total - 1, count - 1, replace=False)) + 1 if count > 1 else []
+    return np.diff(np.concatenate([[0], cuts, [total]]).astype(np.int64))
+
+
+def _smooth_field(rows: int, columns: int, scale_deg: float, rng: np.random.Generator) -> Float64:
+    """A random field, smooth over the scale and across the seam, of mean 0 and standard deviation 1."""
+    white = rng.standard_normal((rows, columns))
+    sigma = scale_deg * columns / 360.0
+    field = gaussian_filter(white, sigma, mode=("reflect", "wrap"))
+    field -= field.mean()
+    spread = float(field.std())
+    return np.asarray(field / spread if spread > 0.0 else field)
