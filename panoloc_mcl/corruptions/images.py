@@ -2,7 +2,8 @@
 
 Every function takes an 8-bit image of shape (rows, columns) or (rows, columns, channels), a generator and severities, and gives a
 new image of the same shape. Columns are a circle: nothing shows a seam between the last and the first. All channels of a pixel
-suffer alike, but for noise. The severity that changes nothing (a share, sigma or angle of 0, a gain of 1) returns an equal image.
+suffer alike, but for noise. The severity that changes nothing (a share, sigma or angle of 0, a gain of 1; for `spatial_light` a
+``log_sd`` of 0 with a gain of 1 and a ``full_well`` of 0) returns an equal image.
 """
 
 from __future__ import annotations
@@ -140,9 +141,8 @@ def blur(image: Image, rng: np.random.Generator, sigma: float) -> Image:
     """
     if sigma == 0.0:
         return image.copy()
-    sigmas = (sigma, sigma, 0.0)[: image.ndim]
-    modes = ("nearest", "wrap", "nearest")[: image.ndim]
-    return _to_8_bits(gaussian_filter(image.astype(np.float64), sigmas, mode=modes))
+    # Never over the channels.
+    return _to_8_bits(gaussian_filter(image.astype(np.float64), sigma, mode=("nearest", "wrap"), axes=(0, 1)))
 
 
 def tilt(image: Image, rng: np.random.Generator, degrees: float, vertical_field_deg: float) -> Image:
@@ -189,11 +189,12 @@ def _to_8_bits(levels: Float64) -> Image:
 
 
 def _parts(total: int, count: int, rng: np.random.Generator) -> NDArray[np.int64]:
-    """Random whole numbers that add up to ``total``, each at least 1 if there is enough for that."""
-    if total < count:
-        return np.diff(np.linspace(0, total, count + 1).astype(np.int64))
-    cuts = np.sort(rng.choice(total - 1, count - 1, replace=False)) + 1 if count > 1 else []
-    return np.diff(np.concatenate([[0], cuts, [total]]).astype(np.int64))
+    """Random whole numbers, each at least 1, that add up to ``total``; just that for a ``count`` of 1."""
+    if count == 1:
+        return np.array([total], dtype=np.int64)
+    cuts = np.sort(rng.permutation(total - 1)[: count - 1]) + 1
+    edges = np.concatenate([[0], cuts, [total]]).astype(np.int64)
+    return edges[1:] - edges[:-1]
 
 
 def _smooth_field(rows: int, columns: int, scale_deg: float, rng: np.random.Generator) -> Float64:

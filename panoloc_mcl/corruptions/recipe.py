@@ -20,15 +20,15 @@ Share = Annotated[float, Field(ge=0.0, le=1.0)]
 Degrees = Annotated[float, Field(gt=0.0, le=180.0)]
 
 
-class _Shared(StrictModel):
+class _OfShare(StrictModel):
     share: Share
 
 
-class _Bars(_Shared):
+class _Bars(_OfShare):
     count: Annotated[int, Field(ge=1, le=1000)] = 4
 
 
-class _Blobs(_Shared):
+class _Blobs(_OfShare):
     size_deg: Degrees = 10.0
 
 
@@ -80,7 +80,7 @@ class Corruption:
 
 #: All of them, by the names that recipes use.
 CORRUPTIONS: dict[str, Corruption] = {
-    "random_pixels": Corruption(images.random_pixels, _Shared),
+    "random_pixels": Corruption(images.random_pixels, _OfShare),
     "bars": Corruption(images.bars, _Bars),
     "blobs": Corruption(images.blobs, _Blobs),
     "gain": Corruption(images.gain, _Gain),
@@ -88,7 +88,7 @@ CORRUPTIONS: dict[str, Corruption] = {
     "blur": Corruption(images.blur, _Blur),
     "tilt": Corruption(images.tilt, _Tilt, needs_field=True),
     "noise": Corruption(images.noise, _Noise),
-    "drop_frames": Corruption(drop_frames, _Shared, of_sequences=True),
+    "drop_frames": Corruption(drop_frames, _OfShare, of_sequences=True),
 }
 
 #: The recipe that changes nothing.
