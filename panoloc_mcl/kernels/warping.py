@@ -136,8 +136,9 @@ def move_profile(profile: Float64, dx: float, dy: float) -> Float64:
             step -= columns * np.round(step / columns)
             gap = abs(distance - previous_range) > 0.3 * min(distance, previous_range)
             if not gap and abs(step) < columns / 4:
-                first = np.ceil(min(previous_column, previous_column + step))
-                last = np.floor(max(previous_column, previous_column + step))
+                # Rounding must not drop a column that an end of the piece falls on.
+                first = np.ceil(min(previous_column, previous_column + step) - 1e-9)
+                last = np.floor(max(previous_column, previous_column + step) + 1e-9)
                 for i in range(int(first), int(last) + 1):
                     fraction = 0.0 if step == 0.0 else (i - previous_column) / step
                     there = previous_range + fraction * (distance - previous_range)

@@ -10,7 +10,7 @@ from panoloc_mcl.kernels import warping
 from panoloc_mcl.synthesis.views import FloorRays
 
 # The fixture only picks a function.
-either = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40, deadline=None)
+either = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=20, deadline=None)
 GEOMETRY = PanoramaGeometry(90, 36, -50.0, 25.0)
 RAYS = FloorRays.of(GEOMETRY, 0.6)
 ROOM = BareRoom()

@@ -6,6 +6,7 @@ What view synthesis takes the world for is exactly true in it, and every distanc
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from panoloc_mcl.camera import Panorama, PanoramaGeometry
 from panoloc_mcl.references import ReferencePanoramas
@@ -47,7 +48,8 @@ class BareRoom:
     def panorama(self, geometry, pose, tilt=(0.0, 0.0), *, rotated=False, samples=3):
         """What a camera sees at a pose (x, y, heading).
 
-        ``tilt`` (pitch and roll, radians, in the map's axes) lifts the columns sinusoidally, or turns the camera in space if ``rotated``.
+        ``tilt`` (pitch and roll, radians, in the map's axes) lifts the columns sinusoidally; if ``rotated``, it turns the camera in
+        space instead.
         """
         rows, columns = geometry.shape
         c = (np.arange(columns * samples) + 0.5) / samples - 0.5
@@ -57,11 +59,8 @@ class BareRoom:
             elevation = elevation + tilt[0] * np.cos(azimuth) + tilt[1] * np.sin(azimuth)
         ray = np.stack([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
         if rotated:
-            turn = np.array([tilt[1], -tilt[0], 0.0])
-            angle = np.linalg.norm(turn)
-            k = turn / max(angle, 1e-12)
-            along = np.tensordot(k, ray, 1)
-            ray = ray * np.cos(angle) + np.cross(k, ray, axisb=0, axisc=0) * np.sin(angle) + k[:, None, None] * along * (1 - np.cos(angle))
+            turn = Rotation.from_rotvec([tilt[1], -tilt[0], 0.0]).as_matrix()
+            ray = np.einsum("ij,jrc->irc", turn, ray)
         level = np.hypot(ray[0], ray[1])
         distance, surface = self._walls(np.asarray(pose[:2]), ray[0] / level, ray[1] / level)
         slope = ray[2] / level

@@ -32,7 +32,7 @@ def move_profile(profile, dx, dy):
         for i in range(columns):
             # How far column i lies from the piece's beginning, the short way round.
             away = (i - at[k] + columns / 2) % columns - columns / 2
-            if min(step, 0.0) <= away <= max(step, 0.0):
+            if min(step, 0.0) - 1e-9 <= away <= max(step, 0.0) + 1e-9:
                 seen[i].append(first + (away / step if step else 0.0) * (second - first))
     moved = np.array([min(ranges_there, default=np.nan) for ranges_there in seen])
     known = np.flatnonzero(~np.isnan(moved))
@@ -45,7 +45,7 @@ def move_profile(profile, dx, dy):
 
 def jacobian(view, query, profile, floor, tangents, row_step):
     """Change of the difference's other side with x, y, heading, pitch and roll: complex (5, rows, columns)."""
-    rows, columns = view.shape
+    columns = view.shape[1]
     mean = 0.5 * (view.astype(np.complex128) + query)
     along_azimuth = -(np.roll(mean, -1, axis=1) - np.roll(mean, 1, axis=1)) * 0.5 * columns / (2.0 * np.pi)
     along_elevation = np.zeros_like(mean)
