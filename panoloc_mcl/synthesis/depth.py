@@ -55,12 +55,14 @@ def sweep_profiles(
     count, _, columns = references.pixels.shape
     synthesizer = ViewSynthesizer(references, np.ones((count, columns)), camera_height_m)
     tree = cKDTree(references.positions)
-    wanted = min(settings.virtual_places.neighbours + 1, count)
+    # References at the same place show no depth; there may be several.
+    alike = int(np.unique(references.positions, axis=0, return_counts=True)[1].max())
+    wanted = min(settings.virtual_places.neighbours + alike, count)
 
     def profile_of(index: int) -> Float64:
         distances, nearest = (np.atleast_1d(part) for part in tree.query(references.positions[index], k=wanted))
         neighbours = [int(n) for d, n in zip(distances, nearest, strict=True) if n != index and d > 0.0]
-        return _profile(index, neighbours, synthesizer, settings)
+        return _profile(index, neighbours[: settings.virtual_places.neighbours], synthesizer, settings)
 
     profiles = np.empty((count, columns))
     with ThreadPoolExecutor(max_workers=threads) as pool:

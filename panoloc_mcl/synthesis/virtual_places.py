@@ -40,12 +40,15 @@ def virtual_positions(references: Float64, reference_spacing: float, settings: V
     """
     spacing = settings.spacing_m or float(np.clip(reference_spacing / 4.0, _SMALLEST_SPACING_M, _LARGEST_SPACING_M))
     reach = _REACH_IN_SPACINGS * reference_spacing
-    margin = np.ceil(reach / spacing) * spacing
-    low, high = references.min(axis=0) - margin, references.max(axis=0) + margin
-    # The half step on top keeps rounding from dropping the last row.
-    x = np.arange(low[0], high[0] + 0.5 * spacing, spacing)
-    y = np.arange(low[1], high[1] + 0.5 * spacing, spacing)
-    grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    steps = int(np.ceil(reach / spacing))
+    low = references.min(axis=0) - steps * spacing
+    # Only cells around references: the ground between places far apart may be vast. By row, then by column.
+    beside = np.arange(-steps - 1, steps + 2)
+    nearest = np.rint((references - low) / spacing).astype(np.int64)
+    rows = nearest[:, 1, None, None] + beside[:, None]
+    columns = nearest[:, 0, None, None] + beside[None, :]
+    cells = np.unique(np.stack(np.broadcast_arrays(rows, columns), axis=-1).reshape(-1, 2), axis=0)
+    grid = low + spacing * cells[:, ::-1]
     return np.asarray(grid[cKDTree(references).query(grid)[0] <= reach + 1e-9])
 
 
