@@ -36,7 +36,7 @@ class Scale(NamedTuple):
     sigma: float
 
 
-_COARSE_STEPS = (Scale(4, 5.0), Scale(4, 5.0), Scale(2, 2.0), Scale(2, 2.0))
+_COARSE_STEPS = (Scale(4, 5.0), Scale(4, 5.0), Scale(2, 2.0))
 _FINE = Scale(1, 0.0)
 # At full resolution every second row is enough: smoothing and gradients make neighbouring rows say nearly the same.
 _ROWS_SKIPPED = 2
@@ -47,6 +47,8 @@ _SD_TILT = np.radians(2.0)
 # Neighbouring pixels and both channels err together, and the views are not exact: so many of them count as one. Chosen so
 # that errors on recorded data are as large as the covariance says.
 _CORRELATED = 25.0
+# Mean squared difference at the least: a view that fits exactly, or shows nothing of the image, has none and still errs.
+_LEAST_VARIANCE = 1e-4
 # Converged: a step this small is far below what the image can tell.
 _SMALLEST_STEP_M, _SMALLEST_TURN = 1e-3, np.radians(0.01)
 # Sources are weighted by 1 / (distance + this).
@@ -103,7 +105,7 @@ class PoseRefiner:
                 break
         reached[2] = wrap_angle(reached[2])
         inverse = np.linalg.inv(equations.normal[:unknowns, :unknowns] + 1e-9 * np.eye(unknowns))[:3, :3]
-        variance = equations.residual / max(equations.pixels, 1.0)
+        variance = max(equations.residual / max(equations.pixels, 1.0), _LEAST_VARIANCE)
         return PoseMeasurement(
             reached, np.asarray(_CORRELATED * variance * inverse, dtype=np.float64), tilt, equations.agreement
         )
