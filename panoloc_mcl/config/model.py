@@ -98,7 +98,7 @@ class RefinementSettings(StrictModel):
 
     enabled: bool = Field(True, description="Whether to refine. Needs virtual places.")
     iterations: Annotated[int, Field(ge=1, le=50)] = Field(
-        2, description="Gauss-Newton steps at full resolution at most; a few coarse ones come before."
+        12, description="Gauss-Newton steps at full resolution at most; a few coarse ones come before."
     )
     sources: Annotated[int, Field(ge=1, le=8)] = Field(2, description="References that the views are synthesised from.")
     tilt: bool = Field(True, description="Whether the camera's pitch and roll are estimated, too.")

@@ -110,16 +110,30 @@ class VoteField:
 
     @cached_property
     def best_pose(self) -> Float64:
-        """The best cell's pose, between places and headings: the top of a paraboloid through the votes around it. float64 (3,)."""
+        """The best cell's pose, between places and headings. float64 (3,).
+
+        Votes peak in a cusp and not in a parabola, which would pull the position towards the grid. On a grid the position is where
+        two lines of equal slope through the votes of the neighbours meet (Shimizu & Okutomi 2002); elsewhere it is that of the place.
+        """
         peak = self.peak
         heading = 0.0 if np.isnan(peak.heading) else peak.heading
         position = self.places.positions[peak.place]
-        offsets = self.places.positions - position
-        around = np.flatnonzero(np.hypot(offsets[:, 0], offsets[:, 1]) < 1.5 * self.places.spacing)
         row = round(heading * len(self.headings) / (2.0 * np.pi)) % len(self.headings)
-        rows = [row] if not self.full_circle else [(row + step) % len(self.headings) for step in (-1, 0, 1)]
-        moved = _paraboloid_top(offsets[around], self.votes[rows][:, around].max(axis=0), 0.5 * self.places.spacing)
+        rows = [(row + step) % len(self.headings) for step in ((-1, 0, 1) if self.full_circle else (0,))]
+        moved = [self._between_neighbours(position, axis, peak.place, rows) for axis in np.eye(2)]
         return np.array([position[0] + moved[0], position[1] + moved[1], heading])
+
+    def _between_neighbours(self, position: Float64, axis: Float64, place: int, rows: list[int]) -> float:
+        """Offset of the peak along an axis of the grid, metres; 0 where there is no neighbour on both sides."""
+        spacing = self.places.spacing
+        sides = position + spacing * np.outer([-1.0, 1.0], axis)
+        neighbours = self.places.nearest(sides)
+        if np.any(np.hypot(*(self.places.positions[neighbours] - sides).T) > 0.1 * spacing):
+            return 0.0
+        before, after = (float(votes) for votes in self.votes[np.array(rows)[:, None], neighbours[None, :]].max(axis=0))
+        here = float(self.votes[rows, place].max())
+        fall = here - min(before, after)
+        return float(np.clip(0.5 * (after - before) / fall, -0.5, 0.5)) * spacing if fall > 0.0 else 0.0
 
     def _between_headings(self, row: int, place: int) -> float:
         if not self.gives_heading:
@@ -161,20 +175,6 @@ class VoteField:
         else:
             poses[:, 2] = rng.uniform(-np.pi, np.pi, count)
         return poses
-
-
-def _paraboloid_top(offsets: Float64, votes: Float32, limit: float) -> Float64:
-    """Where a paraboloid through votes at offsets (n, 2) has its top; the origin when it has none, ``limit`` away at most."""
-    x, y = offsets[:, 0], offsets[:, 1]
-    if len(offsets) < 6:
-        return np.zeros(2)
-    terms = np.stack([np.ones_like(x), x, y, 0.5 * x * x, x * y, 0.5 * y * y], axis=1)
-    _, slope_x, slope_y, xx, xy, yy = np.linalg.lstsq(terms, votes.astype(np.float64), rcond=None)[0]
-    determinant = xx * yy - xy * xy
-    if xx >= 0.0 or determinant <= 0.0:
-        return np.zeros(2)
-    top = np.array([xy * slope_y - yy * slope_x, xy * slope_x - xx * slope_y]) / determinant
-    return np.asarray(np.clip(top, -limit, limit))
 
 
 def at_headings(votes: Float32, headings: Float64) -> Float32:

@@ -36,7 +36,7 @@ class Scale(NamedTuple):
     sigma: float
 
 
-_COARSE_STEPS = (Scale(4, 5.0), Scale(4, 5.0), Scale(2, 2.0))
+_COARSE_STEPS = (Scale(4, 5.0), Scale(4, 5.0), Scale(2, 2.0), Scale(2, 2.0))
 _FINE = Scale(1, 0.0)
 # At full resolution every second row is enough: smoothing and gradients make neighbouring rows say nearly the same.
 _ROWS_SKIPPED = 2
