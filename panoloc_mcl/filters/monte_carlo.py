@@ -126,7 +126,7 @@ class MonteCarloFilter:
         self._match_fast += recovery.fast * (self._match - self._match_fast)
 
     def _judge_posterior(self, votes: VoteField, offset: Motion | None) -> None:
-        """Running share of the best votes that the belief explains once it has seen the image: low when it sits where images do not fit.
+        """Running share of the best votes that the belief explains once it has seen the image: low where images do not fit it.
 
         Before the image a wide belief explains little, too, for instance after a long way without images.
         """
