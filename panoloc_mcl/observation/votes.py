@@ -66,7 +66,6 @@ class VotesModel:
     """
 
     name = "votes"
-    gives_heading = True
     draws = False
     gives_heading = True
 
