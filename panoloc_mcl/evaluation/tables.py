@@ -178,18 +178,18 @@ _SECTIONS: tuple[tuple[str, tuple[_Figure, ...]], ...] = (
     (
         "Accuracy after convergence",
         (
-            _plain("position, median", "m", "position_median_m", 3),
-            _plain("position, mean", "m", "position_mean_m", 3),
-            _plain("position, RMSE", "m", "position_rmse_m", 3),
-            _plain("position, p95", "m", "position_p95_m", 3),
-            _plain("heading, median", "°", "heading_median_deg", 2),
-            _plain("heading, p95", "°", "heading_p95_deg", 2),
+            _plain("position, median", "m", "position_median_m", 4),
+            _plain("position, mean", "m", "position_mean_m", 4),
+            _plain("position, RMSE", "m", "position_rmse_m", 4),
+            _plain("position, p95", "m", "position_p95_m", 4),
+            _plain("heading, median", "°", "heading_median_deg", 3),
+            _plain("heading, p95", "°", "heading_p95_deg", 3),
         ),
     ),
     (
         "All frames",
         (
-            _plain("APE, RMSE", "m", "ape_rmse_m", 3),
+            _plain("APE, RMSE", "m", "ape_rmse_m", 4),
             *(_share(f"within {metres:.2f} m, {degrees:g}°", "within", name) for name, metres, degrees in WITHIN_TIERS),
         ),
     ),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 from typing import Any
 
@@ -37,7 +38,14 @@ def title_of(run_info: Mapping[str, Any]) -> str:
 
 def facts(run_info: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Pairs of a label and a text, from ``run.json``."""
-    return [(label, _text(run_info[key])) for key, label in _SHOWN.items() if run_info.get(key) not in (None, "", [], {})]
+    return [(label, _shown(key, run_info[key])) for key, label in _SHOWN.items() if run_info.get(key) not in (None, "", [], {})]
+
+
+def _shown(key: str, value: Any) -> str:
+    if key == "command" and isinstance(value, list):
+        # As it can be typed again.
+        return shlex.join(str(word) for word in value)
+    return _text(value)
 
 
 def _text(value: Any) -> str:

@@ -12,7 +12,7 @@ def test_one_column_a_group_and_one_for_all(make_record):
     table = metrics_table(evaluate(records, PLACES))
     assert table.columns == ("evening", "noon", "overall")
     shown = cells(table)
-    assert shown["Accuracy after convergence", "position, median"] == ("0.300", "0.123", "0.212")
+    assert shown["Accuracy after convergence", "position, median"] == ("0.3000", "0.1234", "0.2117")
     assert shown["Recognition of places", "recognised/passed"] == ("2/2", "2/2", "4/4")
     assert shown["Recognition of places", "Wilson 95 %"][0] == "34.2–100.0"
 
