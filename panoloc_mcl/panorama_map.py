@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save as safetensors_bytes
+from threadpoolctl import threadpool_limits
 
 from panoloc_mcl.camera import Camera, PanoramaGeometry, Unwrapper, camera_from_mapping, geometry_of, to_mapping
 from panoloc_mcl.config.model import ObservationSettings
@@ -89,7 +90,9 @@ class PanoramaMap:
         """
         observation = observation or ObservationSettings()
         references = read_references(dataset, progress)
-        model = MODELS[observation.model].build(references, settings_of(observation), seed, progress)
+        # One BLAS thread, so that the order of sums, and with it the map to the last bit, does not depend on the machine's cores.
+        with threadpool_limits(1, user_api="blas"):
+            model = MODELS[observation.model].build(references, settings_of(observation), seed, progress)
         source = dataset.references
         return cls(dataset.name, references, source.camera, source.image_size, observation, seed, model.arrays(), model.notes)
 
@@ -115,7 +118,8 @@ class PanoramaMap:
                 raise MapError(
                     f"map '{self.name}': lacks {error} of the model '{observation.model}'; build it again with panoloc build-map"
                 ) from error
-        return model.build(self.references, settings, self.seed)
+        with threadpool_limits(1, user_api="blas"):
+            return model.build(self.references, settings, self.seed)
 
     def unwrapper(self, camera: Camera | None = None, image_size: tuple[int, int] | None = None) -> Unwrapper:
         """From a camera's images to the panoramas that this map compares.

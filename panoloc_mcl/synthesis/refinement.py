@@ -39,7 +39,7 @@ class Scale(NamedTuple):
 _COARSE_STEPS = (Scale(4, 5.0), Scale(4, 5.0), Scale(2, 2.0), Scale(2, 2.0))
 _FINE = Scale(1, 0.0)
 # At full resolution every second row is enough: smoothing and gradients make neighbouring rows say nearly the same.
-_ROWS_SKIPPED = 2
+_FINE_ROWS_EVERY = 2
 _LARGEST_STEP_M = 0.15
 _LARGEST_TURN = np.radians(2.0)
 # Standard deviation of pitch and roll before the image is seen, radians.
@@ -49,7 +49,7 @@ _SD_TILT = np.radians(2.0)
 _CORRELATED = 25.0
 # Mean squared difference at the least: a view that fits exactly, or shows nothing of the image, has none and still errs.
 _LEAST_VARIANCE = 1e-4
-# Converged: a step this small is far below what the image can tell.
+# Standing still: a step this small is about what the image can tell.
 _SMALLEST_STEP_M, _SMALLEST_TURN = 1e-3, np.radians(0.01)
 # Sources are weighted by 1 / (distance + this).
 _NEAR_M = 0.05
@@ -132,7 +132,7 @@ class PoseRefiner:
                 floor,
                 tangents,
                 rays.row_step * scale.stride,
-                _ROWS_SKIPPED if scale is _FINE else 1,
+                _FINE_ROWS_EVERY if scale is _FINE else 1,
             )
             weight = 1.0 / (float(distance) + _NEAR_M)
             normal += weight * part[0]
