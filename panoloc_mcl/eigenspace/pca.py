@@ -6,16 +6,19 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import blas
 
 from panoloc_mcl.errors import MapError
 from panoloc_mcl.progress import Progress, no_progress
 
 _BASIS_IMAGES = 300
 _BLOCK_PIXELS = 4096
+# Images projected at once: the eigenimages are read from memory once for all of them.
+_PROJECTED_AT_ONCE = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,10 +56,25 @@ def principal_components(images: NDArray[Any], components: int, key: str) -> Eig
     MapError
         ``components`` exceeds what the images span.
     """
-    gram = _inner_products(images)
-    values, vectors = np.linalg.eigh(gram)
+    return _components_of(images, _spectrum(images), components, key)
+
+
+class _Spectrum(NamedTuple):
+    """Eigenvalues and eigenvectors of the inner products, by falling value, and how many are not rounding."""
+
+    values: NDArray[np.float64]
+    vectors: NDArray[Any]
+    rank: int
+
+
+def _spectrum(images: NDArray[Any]) -> _Spectrum:
+    values, vectors = np.linalg.eigh(_inner_products(images))
     values, vectors = values[::-1], vectors[:, ::-1]
-    rank = int(np.sum(values > 1e-6 * max(values[0], np.finfo(np.float64).tiny)))
+    return _Spectrum(values, vectors, int(np.sum(values > 1e-6 * max(values[0], np.finfo(np.float64).tiny))))
+
+
+def _components_of(images: NDArray[Any], spectrum: _Spectrum, components: int, key: str) -> Eigenspace:
+    values, vectors, rank = spectrum
     if components > rank:
         raise MapError(f"{key} = {components}: {len(images)} references span only {rank} eigenimages; set at most {rank}")
     # The sign (phase) of an eigenvector is free; fix it, so that the same references always give the same map.
@@ -114,26 +132,34 @@ def eigenspace_of(
             basis[row] = made
             progress(row + 1, count, "views")
         assert basis is not None
-        wanted = min(default_components, spanned(basis)) if components is None else components
-        inner = principal_components(basis, wanted, key)
+        spectrum = _spectrum(basis)
+        wanted = min(default_components, spectrum.rank) if components is None else components
+        inner = _components_of(basis, spectrum, wanted, key)
         coefficients = np.empty((count, wanted), dtype=basis.dtype)
         coefficients[chosen] = inner.coefficients
         del basis
-        projector = inner.eigenimages.conj()
-        for done, (index, made) in enumerate(zip(others, _in_order(pool, image, others, threads), strict=True)):
-            coefficients[index] = projector @ made
-            progress(len(chosen) + done + 1, count, "views")
+        projector = inner.eigenimages.conj().T
+        waiting: list[NDArray[Any]] = []
+        for done, made in enumerate(_in_order(pool, image, others, threads), start=1):
+            waiting.append(made)
+            if len(waiting) == _PROJECTED_AT_ONCE or done == len(others):
+                coefficients[others[done - len(waiting) : done]] = np.stack(waiting) @ projector
+                waiting.clear()
+            progress(len(chosen) + done, count, "views")
     return Eigenspace(inner.eigenimages, coefficients, inner.kept)
 
 
 def _inner_products(images: NDArray[Any]) -> NDArray[Any]:
     """Inner products of all pairs, summed in double precision over blocks of pixels, which keeps memory small."""
-    double = np.complex128 if np.iscomplexobj(images) else np.float64
-    gram: NDArray[Any] = np.zeros((len(images), len(images)), dtype=double)
+    count = len(images)
+    double, herk = (np.complex128, blas.zherk) if np.iscomplexobj(images) else (np.float64, blas.dsyrk)
+    # The lower triangle only, column-major as BLAS has it; the rest is its mirror image.
+    gram: NDArray[Any] = np.zeros((count, count), dtype=double, order="F")
     for start in range(0, images.shape[1], _BLOCK_PIXELS):
-        block = images[:, start : start + _BLOCK_PIXELS].astype(double)
-        gram += block @ block.conj().T
-    return gram
+        block = np.asfortranarray(images[:, start : start + _BLOCK_PIXELS], dtype=double)
+        gram = herk(1.0, block, beta=1.0, c=gram, lower=1, overwrite_c=1)
+    lower = np.tril(gram)
+    return np.asarray(lower + np.tril(lower, -1).conj().T)
 
 
 def _in_order(
@@ -151,6 +177,4 @@ def _in_order(
 
 def spanned(images: NDArray[Any]) -> int:
     """How many eigenimages the images span (numerical rank)."""
-    gram = _inner_products(images)
-    values = np.linalg.eigvalsh(gram)
-    return int(np.sum(values > 1e-6 * max(values[-1], np.finfo(np.float64).tiny)))
+    return _spectrum(images).rank

@@ -65,6 +65,11 @@ def _move_profile() -> tuple[Any, ...]:
     return np.full(8, 2.0), 0.1, 0.0
 
 
+def _column_agreement() -> tuple[Any, ...]:
+    features, usable = np.ones((3, 8), dtype=np.complex64), np.ones((3, 8), dtype=np.bool_)
+    return features, usable, features, usable
+
+
 def _normal_equations() -> tuple[Any, ...]:
     features, usable = np.ones((3, 8), dtype=np.complex64), np.ones((3, 8), dtype=np.bool_)
     profile, tangents = np.full(8, 2.0), np.array([0.5, 0.1, -0.5])
@@ -81,6 +86,7 @@ EXAMPLES: dict[str, Callable[[], tuple[Any, ...]]] = {
     "voting.trimmed_coefficients": _trimmed_coefficients,
     "voting.vote": _vote,
     "warping.arctan2": lambda: (0.5, -0.5),
+    "warping.column_agreement": _column_agreement,
     "warping.move_profile": _move_profile,
     "warping.normal_equations": _normal_equations,
     "warping.warp_table": _warp_table,

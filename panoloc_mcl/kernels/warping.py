@@ -93,8 +93,21 @@ def warp_table(
     per_radian = source_columns / (2.0 * np.pi)
     azimuths = -2.0 * np.pi * np.arange(columns) / columns
     cosines, sines = np.cos(azimuths), np.sin(azimuths)
+    # Where a row sees the wall in every column, only its elevation is its own: the rest is worked out once.
+    farthest = np.max(profile)
+    wall_column, wall_range = np.empty(columns, dtype=np.float32), np.empty(columns)
+    for c in range(columns):
+        px, py = profile[c] * cosines[c] + dx, profile[c] * sines[c] + dy
+        column = -arctan2(py, px) * per_radian
+        wall_column[c] = column + margin + (source_columns if column < 0.0 else 0)
+        wall_range[c] = np.sqrt(px * px + py * py)
     for r in range(rows):
         ground, tangent = floor[r], tangents[r]
+        if ground >= farthest:
+            for c in range(columns):
+                map_x[r, c] = wall_column[c]
+                map_y[r, c] = (top - arctan2(tangent * profile[c], wall_range[c])) / row_step - 0.5
+            continue
         for c in range(columns):
             distance = min(ground, profile[c])
             px, py = distance * cosines[c] + dx, distance * sines[c] + dy
@@ -165,6 +178,37 @@ def move_profile(profile: Float64, dx: float, dy: float) -> Float64:
         moved[c] = -max(abs(moved[(c - left) % columns]), moved[(c + right) % columns])
     filled: Float64 = np.abs(moved)
     return filled
+
+
+@kernel
+def column_agreement(
+    first: Complex64, first_usable: Bool, second: Complex64, second_usable: Bool
+) -> tuple[Float64, Float64, Float64]:
+    """Sums over the rows of two images of features, over the pixels that are usable in both.
+
+    Parameters
+    ----------
+    first, second : complex64 (rows, columns)
+    first_usable, second_usable : bool (rows, columns)
+
+    Returns
+    -------
+    common : float64 (columns,)
+        Real part of the inner product of every column.
+    first_energy, second_energy : float64 (columns,)
+        Squared norms.
+    """
+    rows, columns = first.shape
+    common, first_energy, second_energy = np.zeros(columns), np.zeros(columns), np.zeros(columns)
+    for r in range(rows):
+        for c in range(columns):
+            # A factor instead of a branch, so that the loop is vectorised.
+            both = np.float32(first_usable[r, c] and second_usable[r, c])
+            a, b = first[r, c], second[r, c]
+            common[c] += both * (a.real * b.real + a.imag * b.imag)
+            first_energy[c] += both * (a.real * a.real + a.imag * a.imag)
+            second_energy[c] += both * (b.real * b.real + b.imag * b.imag)
+    return common, first_energy, second_energy
 
 
 @kernel

@@ -6,6 +6,8 @@ where the other is usable is a circular correlation again. Both vary slowly, so 
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
@@ -30,9 +32,15 @@ def block_energy(z: Complex64) -> Float32:
 
 def block_usable(usable: Bool) -> Float32:
     """Share of every block's pixels that is usable, float32 (block rows, block columns); the rim rows, never usable, do not count."""
-    countable = np.ones(usable.shape, dtype=np.float32)
+    return np.asarray(_sums(usable.astype(np.float32)) / _countable(usable.shape), dtype=np.float32)
+
+
+@lru_cache(maxsize=8)
+def _countable(shape: tuple[int, ...]) -> Float32:
+    """Pixels of every block that can be usable, at least 1."""
+    countable = np.ones(shape, dtype=np.float32)
     countable[[0, -1]] = 0.0
-    return np.asarray(_sums(usable.astype(np.float32)) / np.maximum(_sums(countable), 1.0), dtype=np.float32)
+    return np.maximum(_sums(countable), np.float32(1.0))
 
 
 class OverlapNorms:

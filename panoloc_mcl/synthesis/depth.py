@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from panoloc_mcl.config.model import VotesSettings
 from panoloc_mcl.eigenspace.gradients import orientations
+from panoloc_mcl.kernels.warping import column_agreement
 from panoloc_mcl.progress import Progress, no_progress
 from panoloc_mcl.references import ReferencePanoramas
 from panoloc_mcl.synthesis.views import ViewSynthesizer
@@ -77,15 +78,15 @@ def _profile(index: int, neighbours: list[int], synthesizer: ViewSynthesizer, se
     columns = references.geometry.width
     walls = np.geomspace(_NEAREST_WALL_M, _FARTHEST_WALL_M, settings.virtual_places.wall_distances)
     z, usable = orientations(references.panorama(index), settings)
-    mine = z.real**2 + z.imag**2
     agreement = np.zeros((len(walls), columns))
     energy = np.full((len(walls), columns), 1e-3)
     for neighbour in neighbours:
         for row, wall in enumerate(walls):
             view = synthesizer.view(neighbour, references.positions[index], np.full(columns, wall))
             warped, seen = orientations(view, settings)
-            agreement[row] += np.sum(z.real * warped.real + z.imag * warped.imag, axis=0)
-            energy[row] += 0.5 * np.sum(mine * seen + (warped.real**2 + warped.imag**2) * usable, axis=0)
+            common, mine, theirs = column_agreement(z, usable, warped, seen)
+            agreement[row] += common
+            energy[row] += 0.5 * (mine + theirs)
     width = max(1, round(_SMOOTHING_DEG * columns / 360.0))
     score = uniform_filter1d(agreement, width, axis=1, mode="wrap") / uniform_filter1d(energy, width, axis=1, mode="wrap")
     return _peaks(score, np.log(walls))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
@@ -72,6 +72,19 @@ class ViewSynthesizer:
         """References as float32, continued across the seam: (n, rows, columns + 2 margins)."""
         return np.stack([pad_circular(image.astype(np.float32), MARGIN) for image in self.references.pixels])
 
+    def of(self, indices: NDArray[np.int64]) -> ViewSynthesizer:
+        """A synthesiser that has some of the references only."""
+        references = self.references
+        chosen = replace(
+            references,
+            pixels=references.pixels[indices],
+            positions=references.positions[indices],
+            names=tuple(references.names[index] for index in indices),
+        )
+        some = ViewSynthesizer(chosen, self.profiles[indices], 1.0)
+        some.rays = self.rays
+        return some
+
     def profile_at(self, source: int, position: Float64) -> Float64:
         """Wall profile of a reference as seen from another position, float64 (columns,), metres."""
         dx, dy = position - self.references.positions[source]
@@ -118,5 +131,7 @@ class ViewSynthesizer:
         if self.references.valid is not None:
             valid = pad_circular(self.references.valid.astype(np.float32), MARGIN)
             seen &= cv2.remap(valid, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) > 0.99
-        pixels[~seen] = 0.0
-        return Panorama(pixels, None if seen.all() else seen)
+        if seen.all():
+            return Panorama(pixels, None)
+        pixels *= seen
+        return Panorama(pixels, seen)

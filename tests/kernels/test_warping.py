@@ -147,3 +147,16 @@ def test_nothing_in_common_gives_empty_equations(variant) -> None:
         view, nowhere, view, ~nowhere, profile, RAYS.floor, RAYS.tangents, RAYS.row_step, 1
     )
     assert not any(np.any(part) for part in found)
+
+
+def test_column_agreement_agrees_with_numpy(variant) -> None:
+    rng = np.random.default_rng(3)
+    shape = (36, 90)
+    first, second = ((rng.standard_normal(shape) + 1j * rng.standard_normal(shape)).astype(np.complex64) for _ in range(2))
+    usable = [rng.random(shape) < 0.8 for _ in range(2)]
+    usable[0][:, 7] = False
+    arguments = (first, usable[0], second, usable[1])
+    for found, expected in zip(variant(warping.column_agreement)(*arguments), naive.column_agreement(*arguments), strict=True):
+        assert found.dtype == np.float64
+        assert found == pytest.approx(expected, abs=1e-5)
+        assert found[7] == 0.0

@@ -43,6 +43,30 @@ def move_profile(profile, dx, dy):
     return moved
 
 
+def moved_profile(profile, dx, dy):
+    """As `move_profile`, all pieces of wall at once: for pictures of full size."""
+    columns = len(profile)
+    points = profile * np.exp(1j * azimuths(columns)) - complex(dx, dy)
+    ranges, at = np.abs(points), np.mod(-np.angle(points) * columns / (2.0 * np.pi), columns)
+    after, after_at = np.roll(ranges, -1), np.roll(at, -1)
+    step = (after_at - at + columns / 2) % columns - columns / 2
+    gap = (np.abs(after - ranges) > 0.3 * np.minimum(ranges, after)) | (np.abs(step) >= columns / 4)
+    moved = np.full(columns, np.inf)
+    np.minimum.at(moved, np.rint(after_at[gap]).astype(int) % columns, after[gap])
+    first = np.ceil(np.minimum(at, at + step) - 1e-9)
+    last = np.floor(np.maximum(at, at + step) + 1e-9)
+    for more in range(int(np.max(np.where(gap, -1, last - first))) + 1):
+        here = ~gap & (first + more <= last)
+        fraction = np.divide(first + more - at, step, out=np.zeros(columns), where=step != 0.0)[here]
+        there = ranges[here] + fraction * (after - ranges)[here]
+        np.minimum.at(moved, (first[here] + more).astype(int) % columns, there)
+    known = np.flatnonzero(np.isfinite(moved))
+    holes = np.flatnonzero(np.isinf(moved))
+    behind = np.searchsorted(known, holes)
+    moved[holes] = np.maximum(moved[known[behind - 1]], moved[known[behind % len(known)]])
+    return moved
+
+
 def jacobian(view, query, profile, floor, tangents, row_step):
     """Change of the difference's other side with x, y, heading, pitch and roll: complex (5, rows, columns)."""
     columns = view.shape[1]
@@ -65,6 +89,11 @@ def jacobian(view, query, profile, floor, tangents, row_step):
             along_elevation * np.sin(a),
         ]
     )
+
+
+def column_agreement(first, first_usable, second, second_usable):
+    a, b = (np.where(first_usable & second_usable, part.astype(np.complex128), 0.0) for part in (first, second))
+    return np.real(a * b.conj()).sum(axis=0), (np.abs(a) ** 2).sum(axis=0), (np.abs(b) ** 2).sum(axis=0)
 
 
 def normal_equations(view, view_usable, query, query_usable, profile, floor, tangents, row_step, every):
