@@ -1,6 +1,7 @@
 """Speed and memory as ratios against named peers, measured interleaved in one run. Prints Markdown.
 
     python scripts/benchmark.py [--dataset PATH_OR_NAME] [--repeats N]
+    python scripts/benchmark.py --build | --costs [--out FOLDER] [--dataset PATH_OR_NAME]
 
 Everything runs on one thread. Medians over the repeats; the peers are OpenCV's template matching of all headings, and the machine's
 own matrix product.
@@ -165,10 +166,24 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--dataset", default="room", help="path of a data set, or the name of an embedded one")
     parser.add_argument("--repeats", type=int, default=15)
+    parser.add_argument("--build", action="store_true", help="only: building a map against plain NumPy (a minute or two)")
+    parser.add_argument(
+        "--costs", action="store_true", help="only: cost against the number of places and headings, with a plot"
+    )
+    parser.add_argument("--out", type=Path, default=Path("results"), help="folder of the plot")
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
     path = Path(resolve_dataset(arguments.dataset))
     print(f"{os.cpu_count()} cores, {arguments.repeats} repeats, medians, one thread")
+    if arguments.build or arguments.costs:
+        # Only here, as these sections import this module.
+        import benchmark_maps
+
+        if arguments.build:
+            benchmark_maps.building(read_dataset(path), repeats=min(arguments.repeats, 3))
+        if arguments.costs:
+            benchmark_maps.costs(read_dataset(path), arguments.out)
+        return
     speed(read_dataset(path), arguments.repeats)
     startup(arguments.repeats)
     whole_run(str(path))
