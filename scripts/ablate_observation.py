@@ -1,12 +1,16 @@
 """What one image tells by itself, position and heading unknown: every observation model and switch, light and corruption.
 
-    python scripts/ablate_observation.py [--dataset PATH_OR_NAME] [--models NAME ...] [--conditions NAME ...] [--every N]
-                                         [--seed SEED] [--out FOLDER]
+    python scripts/ablate_observation.py [--dataset PATH_OR_NAME] [--models NAME ...] [--switches NAME ...]
+                                         [--conditions NAME ...] [--every N] [--seed SEED] [--out FOLDER]
+    python scripts/ablate_observation.py --summary TABLE.csv ...
 
-Names of models may be patterns: 'votes' is the default alone, 'votes*' all its switches. Conditions are corruptions such as
-'bars:0.7+random_pixels:0.25', or 'clean'. Prints the table as Markdown, and writes it to FOLDER/ablation/TIME as table.md and
-table.csv after every model. Times are those of one thread, from panorama to pose, as a multiple of OpenCV's template matching of the
-same image with all references at all headings.
+Names may be patterns; `--switches none` leaves the models as they are. Conditions are corruptions such as
+'bars:0.7+random_pixels:0.25', or 'clean'. Writes the table to FOLDER/ablation/TIME after every model, as table.md and table.csv, and
+the short table of the README as readme.md, which is printed, too; with `--summary` that is all, made of the tables of earlier
+runs, so that parts of the work can run side by side. Times are those of one thread, from panorama to pose, under the first
+condition, as a multiple of OpenCV's template matching of the same image with all references at all headings.
+
+The paper's voting takes a second an image, and looks at one in three of those that the other models see (column n).
 """
 
 from __future__ import annotations
@@ -36,6 +40,7 @@ from panoloc_mcl.config import config_from_mapping
 from panoloc_mcl.config.model import ObservationSettings
 from panoloc_mcl.config.overrides import apply, parse_overrides
 from panoloc_mcl.corruptions import Recipe, parse_recipe
+from panoloc_mcl.corruptions.recipe import CLEAN
 from panoloc_mcl.datasets import Dataset, read_dataset, read_image, resolve_dataset
 from panoloc_mcl.datasets.splice import group_of
 from panoloc_mcl.errors import ConfigError, PanolocError
@@ -48,18 +53,27 @@ from panoloc_mcl.map_cache import cached_map
 MODELS: dict[str, tuple[str, ...]] = {
     "votes": (),
     "votes/signed": ("votes.gradient=signed",),
+    "votes/signed_hardly_normalised": ("votes.gradient=signed", "votes.contrast_floor=64"),
+    "votes/contrast_floor_1": ("votes.contrast_floor=1",),
+    "votes/contrast_floor_16": ("votes.contrast_floor=16",),
+    "votes/smoothing_0": ("votes.smoothing_px=0",),
+    "votes/smoothing_2": ("votes.smoothing_px=2",),
     "votes/no_median": ("votes.median=false",),
     "votes/no_masks": ("votes.mask_dark=-1", "votes.mask_bright=256"),
     "votes/components_30": ("votes.components=30",),
     "votes/components_60": ("votes.components=60",),
     "votes/components_200": ("votes.components=200",),
     "votes/full_bandwidth": ("votes.bandwidth=1.0",),
+    "votes/bandwidth_0.15": ("votes.bandwidth=0.15",),
     "votes/no_virtual_places": ("votes.virtual_places.enabled=false",),
     "votes/spacing_0.5": ("votes.virtual_places.spacing_m=0.5",),
     "votes/spacing_0.25": ("votes.virtual_places.spacing_m=0.25",),
     "votes/no_refinement": ("votes.refinement.enabled=false",),
     "votes/no_tilt": ("votes.refinement.tilt=false",),
+    "votes/view_sources_1": ("votes.virtual_places.sources=1", "votes.refinement.sources=1"),
+    "votes/view_sources_4": ("votes.virtual_places.sources=4", "votes.refinement.sources=4"),
     "paper": ("model=paper",),
+    "paper/components_30": ("model=paper", "paper.components=30"),
     "paper/pixels_400": ("model=paper", "paper.pixels=400", "paper.trim_to=320"),
     "paper/pixels_2000": ("model=paper", "paper.pixels=2000", "paper.trim_to=1600"),
     "paper/hypotheses_10": ("model=paper", "paper.hypotheses=10"),
@@ -69,6 +83,7 @@ MODELS: dict[str, tuple[str, ...]] = {
     "fourier_signature": ("model=fourier_signature",),
     "fourier_signature/magnitudes": ("model=fourier_signature", "fourier_signature.heading=none"),
     "eigenspace": ("model=eigenspace",),
+    "eigenspace/components_30": ("model=eigenspace", "eigenspace.components=30"),
     "eigenspace/raw_energy": ("model=eigenspace", "eigenspace.unit_energy=false"),
     "least_squares": ("model=least_squares",),
     "least_squares/mean_column": ("model=least_squares", "least_squares.mean_column=true"),
@@ -87,6 +102,7 @@ CONDITIONS = (
     "spatial_light",
     "tilt:2",
     "tilt:4",
+    "blur:2",
     "gain:0.35",
     "gain:2.2",
 )
@@ -94,8 +110,35 @@ CONDITIONS = (
 # Tiers and the circle of a place: `panoloc_mcl.evaluation` has the same for whole runs.
 TIERS = ((0.25, 3.0), (0.10, 1.0))
 PASS_WITHIN_M = 0.15
-# Template matching is timed on this many images of each row.
+WITHIN = f"within {TIERS[0][0]:g} m {TIERS[0][1]:g} deg"
+NEAREST = "nearest place"
+# Instead of a heading error.
+PLACE_ALONE = "place alone"
+# Template matching is timed on this many images of each light.
 _TIMED_IMAGES = 5
+# Models that take a second an image look at one in so many only: from every drive at another time.
+_IMAGES_THINNED = {"paper": 3}
+
+#: Rows of the short table: the default, what tells most about it, and what it is compared with.
+SUMMARY = (
+    "votes",
+    "votes/signed",
+    "votes/signed_hardly_normalised",
+    "votes/no_median",
+    "votes/no_masks",
+    "votes/components_30",
+    "votes/no_refinement",
+    "votes/spacing_0.5",
+    "votes/no_virtual_places",
+    "paper",
+    "fourier_signature",
+    "eigenspace",
+    "least_squares",
+    "least_squares/mean_column",
+    "spinning",
+    "zero_phase",
+    "orientation_correlation",
+)
 
 
 @dataclass(frozen=True)
@@ -133,8 +176,7 @@ class Frame:
 class Row:
     """One line of the table.
 
-    Errors are infinite for an image that the model finds to say nothing; those of the heading mean nothing for a model that gives
-    none.
+    Errors are infinite for an image that the model finds to say nothing. A model that gives no heading is judged by the place alone.
     """
 
     model: str
@@ -144,6 +186,7 @@ class Row:
     gives_heading: bool = True
     position_m: list[float] = field(default_factory=list)
     heading_deg: list[float] = field(default_factory=list)
+    nearest: list[bool] = field(default_factory=list)
     recognised: list[bool] = field(default_factory=list)
     time_ratios: list[float] = field(default_factory=list)
 
@@ -157,13 +200,15 @@ class Row:
             "n": str(len(position)),
             "position median m": _quantile(position, 0.5, 4),
             "position p95 m": _quantile(position, 0.95, 4),
-            "heading median deg": _quantile(heading, 0.5, 3) if self.gives_heading else "",
+            "heading median deg": _quantile(heading, 0.5, 3) if self.gives_heading else PLACE_ALONE,
         }
         for metres, degrees in TIERS:
-            hits = int(np.sum((position <= metres) & (heading <= degrees)))
-            figures[f"within {metres:g} m {degrees:g} deg"] = Rate(hits, len(position) if self.gives_heading else 0)
+            turned_right = (heading <= degrees) | (not self.gives_heading)
+            hits = int(np.sum((position <= metres) & turned_right))
+            figures[f"within {metres:g} m {degrees:g} deg"] = Rate(hits, len(position))
         return {
             **figures,
+            NEAREST: Rate(sum(self.nearest), len(self.nearest)),
             f"recognised within {PASS_WITHIN_M:g} m": Rate(sum(self.recognised), len(self.recognised)),
             "says nothing": str(int(np.sum(np.isinf(position)))) if len(position) else "",
             "time / matchTemplate": f"{statistics.median(self.time_ratios):.3g}" if self.time_ratios else "",
@@ -175,58 +220,105 @@ def main(words: Sequence[str] | None = None) -> int:
     """Make the table; 0 if every row has figures, 1 if some have an error instead, 2 if nothing could be done."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--dataset", default="room", help="path of a data set, or the name of an embedded one")
-    parser.add_argument("--models", nargs="+", default=["*"], metavar="NAME", help=f"of {', '.join(MODELS)}")
+    parser.add_argument(
+        "--models", nargs="+", default=["*"], metavar="NAME", help=f"of {', '.join(dict.fromkeys(map(_model, MODELS)))}"
+    )
+    parser.add_argument(
+        "--switches",
+        nargs="+",
+        default=["*"],
+        metavar="NAME",
+        help=f"of {', '.join(filter(None, map(_switch, MODELS)))}, or none",
+    )
     parser.add_argument("--conditions", nargs="+", default=list(CONDITIONS), metavar="NAME", help="corruptions")
     parser.add_argument("--every", type=_at_least(1), default=1, metavar="N", help="use every N-th image of a sequence")
     parser.add_argument("--seed", type=_at_least(0), default=0, help="of the corruptions and of models that draw pixels")
     parser.add_argument("--out", type=Path, default=Path("results"), metavar="FOLDER")
+    parser.add_argument("--summary", nargs="+", type=Path, metavar="TABLE.csv", help="only print the short table of these")
     arguments = parser.parse_args(words)
     threads = cv2.getNumThreads()
     try:
-        models = selected(arguments.models)
+        if arguments.summary is not None:
+            print(summary_of([row for table in arguments.summary for row in read_table(table)]), end="")
+            return 0
+        models = selected(arguments.models, arguments.switches)
         recipes = [parse_recipe(text) for text in arguments.conditions]
         dataset = read_dataset(resolve_dataset(arguments.dataset))
         frames = frames_of(dataset, arguments.every)
         title = (
             f"Single images of `{dataset.name}`, position and heading unknown: {len(dataset.references)} references, "
-            f"every {arguments.every}. image, seed {arguments.seed}; rates with Wilson 95 % intervals"
+            f"every {arguments.every}. image, seed {arguments.seed}; rates with Wilson 95 % intervals. Nearest place: the "
+            "reference that is named is the nearest one, of all images; recognised: the same, of images within "
+            f"{PASS_WITHIN_M:g} m of one. '{PLACE_ALONE}': the model gives no heading, and all its figures are of the place"
         )
         folder = arguments.out / "ablation" / datetime.now().strftime("%Y%m%d_%H%M%S")
         rows: list[Row] = []
         cv2.setNumThreads(1)
         with threadpool_limits(1), monitor() as watching:
             for number, name in enumerate(models):
-                rows += measured(name, dataset, frames, recipes, arguments.seed, watching)
-                write_atomically(folder / "table.csv", as_csv(rows))
+                seen = {light: images[:: _IMAGES_THINNED.get(_model(name), 1)] for light, images in frames.items()}
+                rows += measured(name, dataset, seen, recipes, arguments.seed, watching)
+                table = as_csv(rows)
+                write_atomically(folder / "table.csv", table)
                 write_atomically(folder / "table.md", as_markdown(title, rows))
+                write_atomically(folder / "readme.md", summary_of(list(csv.DictReader(table.splitlines()))))
                 watching.progress(number + 1, len(models), "models")
     except PanolocError as error:
         print("\n".join(f"error: {fault}" for fault in error.faults), file=sys.stderr)
         return 2
     finally:
         cv2.setNumThreads(threads)
-    print(as_markdown(title, rows), end="")
+    print((folder / "readme.md").read_text(encoding="utf-8"), end="")
+    failed = [row for row in rows if row.error]
+    for row in failed:
+        print(f"error: {row.model}, {row.light}, {row.condition}: {row.error}", file=sys.stderr)
     print(f"written: {folder}", file=sys.stderr)
-    return 1 if any(row.error for row in rows) else 0
+    return 1 if failed else 0
 
 
-def selected(patterns: Sequence[str]) -> list[str]:
-    """Names of the models that any pattern means, in the order of the table.
+def selected(models: Sequence[str], switches: Sequence[str]) -> list[str]:
+    """Names of the rows that the patterns mean, in the order of the table; every model itself comes with its switches.
 
     Raises
     ------
     ConfigError
         A pattern that means none.
     """
-    faults = []
-    for pattern in patterns:
-        if not any(fnmatchcase(name, pattern) for name in MODELS):
-            close = difflib.get_close_matches(pattern, MODELS, n=1, cutoff=0.5)
-            remedy = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(MODELS)}"
-            faults.append(f"--models {pattern}: no such model; {remedy}")
+    known = list(dict.fromkeys(map(_model, MODELS)))
+    faults = _unknown("--models", "model", models, known)
+    rows = [name for name in MODELS if _fits(_model(name), models)]
+    of_these = list(dict.fromkeys(filter(None, map(_switch, rows))))
+    if not faults:
+        # A single model may have no switches at all.
+        faults = _unknown(
+            "--switches", "switch of these models", [word for word in switches if word not in ("*", "none")], of_these
+        )
     if faults:
         raise ConfigError(faults)
-    return [name for name in MODELS if any(fnmatchcase(name, pattern) for pattern in patterns)]
+    return [name for name in rows if not _switch(name) or _fits(_switch(name), switches)]
+
+
+def _model(name: str) -> str:
+    return name.partition("/")[0]
+
+
+def _switch(name: str) -> str:
+    """Empty for a model as it is."""
+    return name.partition("/")[2]
+
+
+def _fits(name: str, patterns: Sequence[str]) -> bool:
+    return any(fnmatchcase(name, pattern) for pattern in patterns)
+
+
+def _unknown(option: str, what: str, patterns: Sequence[str], known: Sequence[str]) -> list[str]:
+    faults = []
+    for pattern in patterns:
+        if not any(fnmatchcase(name, pattern) for name in known):
+            close = difflib.get_close_matches(pattern, known, n=1, cutoff=0.5)
+            remedy = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(known) or 'none'}"
+            faults.append(f"{option} {pattern}: no such {what}; {remedy}")
+    return faults
 
 
 def settings_of(model: str) -> ObservationSettings:
@@ -251,7 +343,8 @@ def frames_of(dataset: Dataset, every: int) -> dict[str, list[Frame]]:
         if drive.groundtruth is not None:
             frames.setdefault(group_of(drive.name), []).extend(
                 Frame(before + index, drive.files[index], drive.name, drive.groundtruth.at(drive.times[index]))
-                for index in range(0, len(drive), every)
+                # Not the first: drives may all begin at a reference.
+                for index in range(min(every // 2, len(drive) - 1), len(drive), every)
             )
         before += len(drive)
     if not frames:
@@ -287,12 +380,12 @@ def measured(
     rows = []
     done, total = 0, len(recipes) * sum(map(len, frames.values()))
     for light, images in frames.items():
-        for recipe in recipes:
+        for number, recipe in enumerate(recipes):
             row = Row(name, light, recipe.text)
             try:
                 for index, frame in enumerate(images):
-                    bench.add(row, frame, recipe)
-                    watching.progress(done + index + 1, total, "images")
+                    bench.add(row, frame, recipe, timed=number == 0 and index < _TIMED_IMAGES)
+                    watching.progress(done + index + 1, total, f"images, {name}")
             except Exception as error:
                 row = Row(name, light, recipe.text, error=_told(error))
             rows.append(row)
@@ -319,17 +412,17 @@ class Bench:
         self._dataset = dataset
         self._unwrappers: dict[str, Unwrapper] = {}
 
-    def add(self, row: Row, frame: Frame, recipe: Recipe) -> None:
-        """Look at one image; at the first few of a row with template matching, too."""
+    def add(self, row: Row, frame: Frame, recipe: Recipe, timed: bool = False) -> None:
+        """Look at one image; with template matching, too, where time is taken."""
         panorama = self._panorama(frame, recipe)
-        if not row.position_m:
+        if timed and not row.position_m:
             # The first call pays for what is made once.
             self._model.observe(panorama)
         begin = time.perf_counter()
         field = self._model.observe(panorama)
         pose = field.best_pose if field.measurement is None else field.measurement.pose
         seconds = time.perf_counter() - begin
-        if len(row.time_ratios) < _TIMED_IMAGES:
+        if timed:
             # One after the other, so that a busy moment of the machine strikes both.
             row.time_ratios.append(seconds / self._template_matching_seconds(panorama))
         distance = float(np.hypot(*(pose - frame.truth)[:2]))
@@ -339,13 +432,14 @@ class Bench:
         row.gives_heading = self._model.gives_heading
         references = self._map.references.positions
         from_references = np.hypot(*(references - frame.truth[:2]).T)
+        # A model of the references alone names one; others give a pose, and the reference nearest to it.
+        places = field.places
+        named = field.peak.place if places.references is None else places.nearest_reference(pose[:2])
+        # By distance, not by index: references taken at one spot are one place.
+        right = field.informative and bool(from_references[named] <= from_references.min() + 1e-9)
+        row.nearest.append(right)
         if from_references.min() <= PASS_WITHIN_M:
-            # A model of the references alone names one; others give a pose, and the reference nearest to it.
-            places = field.places
-            reported = field.peak.place if places.references is None else places.nearest_reference(pose[:2])
-            # By distance, not by index: references taken at one spot are one place.
-            same = from_references[reported] <= from_references.min() + 1e-9
-            row.recognised.append(field.informative and bool(same))
+            row.recognised.append(right)
 
     def _panorama(self, frame: Frame, recipe: Recipe) -> Panorama:
         if frame.sequence not in self._unwrappers:
@@ -399,6 +493,58 @@ def as_markdown(title: str, rows: Sequence[Row]) -> str:
         cells = [value.markdown() if isinstance(value, Rate) else value for value in figures.values()]
         lines.append([cell.replace("|", "\\|") for cell in cells])
     return f"{title}.\n\n" + "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def read_table(path: Path) -> list[dict[str, str]]:
+    """Rows of a table.csv.
+
+    Raises
+    ------
+    ConfigError
+        It cannot be read, or is none.
+    """
+    try:
+        rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"--summary {path}: cannot be read ({error}); name a table.csv of an earlier run") from error
+    if not rows or not {"model", "light", "condition", "n", WITHIN, NEAREST} <= set(rows[0]):
+        raise ConfigError(f"--summary {path}: not a table of this script; name a table.csv of an earlier run")
+    return rows
+
+
+def summary_of(rows: Sequence[dict[str, str]]) -> str:
+    """The short table of the README, as Markdown, from rows of table.csv; of two of the same name, the later one counts."""
+    table = {(row["model"], row["light"], row["condition"]): row for row in rows if not row.get("error")}
+    lights = sorted({light for _, light, condition in table if condition == CLEAN})
+    conditions = list(dict.fromkeys(condition for _, _, condition in table if condition != CLEAN))
+    lines = [["model", "images a light", *(f"{CLEAN}, {light}" for light in lights), *conditions]]
+    lines.append(["---"] * len(lines[0]))
+    for model in [name for name in SUMMARY if any(name == key[0] for key in table)]:
+        cells = []
+        for light in lights:
+            row = table.get((model, light, CLEAN))
+            cells.append(f"{1000 * float(row['position median m']):.1f} mm, {_short([row])}" if row else "")
+        for condition in conditions:
+            cells.append(_short([row for key, row in table.items() if key[0] == model and key[2] == condition]))
+        of_model = [row for key, row in table.items() if key[0] == model]
+        name = f"{model} *" if any(row["heading median deg"] == PLACE_ALONE for row in of_model) else model
+        lines.append([name, "–".join(sorted({row["n"] for row in of_model}, key=int)), *cells])
+    text = "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    said = (
+        f"Each cell: share of the images within {TIERS[0][0]:g} m and {TIERS[0][1]:g} degrees / share whose nearest reference is "
+        f"named, in per cent; for clean images, the median position error before it"
+    )
+    starred = " * gives no heading: judged by the place alone." if " * |" in text else ""
+    return f"{said}.{starred}\n\n{text}"
+
+
+def _short(rows: Sequence[dict[str, str]]) -> str:
+    """Both rates over all lights, in per cent."""
+    counts = np.array([int(row["n"]) for row in rows])
+    if not counts.sum():
+        return ""
+    shares = (np.dot(counts, [float(row[name]) for row in rows]) / counts.sum() for name in (WITHIN, NEAREST))
+    return " / ".join(f"{100 * share:.0f}" for share in shares)
 
 
 def _quantile(values: NDArray[np.float64], share: float, digits: int) -> str:
