@@ -1,8 +1,13 @@
-"""Hypotheses among weighted particles: connected cells of a grid over position and heading."""
+"""Hypotheses among weighted particles: connected cells of a grid over position and heading.
+
+Particles are looked at twice, once for their cell and once for the cell's moments; all else is done with cells, of which there are
+few. So a million particles cost hardly more than finding them.
+"""
 
 from __future__ import annotations
 
 import itertools
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +15,11 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from panoloc_mcl.filters.estimate import Cluster
-from panoloc_mcl.geometry import angle_difference, circular_mean, wrap_angle
+from panoloc_mcl.geometry import angle_difference, wrap_angle
+from panoloc_mcl.kernels.particles import cell_moments, cells_of
 
 Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
 
 _CELL_M = 0.4
 _HEADING_CELLS = 24
@@ -20,23 +27,48 @@ _HEADING_CELLS = 24
 _LINKING_SHARE = 0.01
 # Half of the 26 neighbours; the other half are the same pairs the other way round.
 _NEIGHBOURS = [step for step in itertools.product((-1, 0, 1), repeat=3) if step > (0, 0, 0)]
+# Grids of up to so many cells are counted in a table, larger ones by sorting.
+_TABLE_CELLS = 1 << 16
 
 
-def weighted_cluster(poses: Float64, weights: Float64, mass: float) -> Cluster:
-    """Mean and covariance of particles; headings on the circle.
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """The cells that hold particles.
 
     Parameters
     ----------
-    poses : float64 (n, 3)
-    weights : float64 (n,)
-        Sum > 0.
-    mass : float
-        To be noted in the cluster.
+    origin : (float, float)
+        Corner, metres.
+    rows, turns : int
+        Cells along y and around the circle; cell number = (column * rows + row) * turns + turn.
+    occupied : int64 (m,)
+        Numbers of the cells with particles, rising.
+    slots : int64 (n,)
+        Index in ``occupied`` of each particle's cell.
     """
-    w = weights / weights.sum()
-    mean = np.array([w @ poses[:, 0], w @ poses[:, 1], circular_mean(poses[:, 2], w)])
-    residuals = np.column_stack([poses[:, 0] - mean[0], poses[:, 1] - mean[1], angle_difference(poses[:, 2], mean[2])])
-    return Cluster(mean, (residuals * w[:, None]).T @ residuals, mass)
+
+    origin: tuple[float, float]
+    rows: int
+    turns: int
+    occupied: Int64
+    slots: Int64
+
+
+def grid_of(particles: Float64, cell_m: float, turns: int) -> Grid:
+    """The grid around particles (3, n), C order: rows x, y, heading."""
+    x, y = (np.floor(particles[axis].min() / cell_m) for axis in (0, 1))
+    columns, rows = (int(particles[axis].max() / cell_m - low) + 3 for axis, low in ((0, x), (1, y)))
+    # A rim of one cell, so that neighbours of a cell never are those of the next row.
+    origin = (float(x - 1.0) * cell_m, float(y - 1.0) * cell_m)
+    keys = cells_of(particles, *origin, cell_m, rows, turns)
+    cells = columns * rows * turns
+    if cells > max(_TABLE_CELLS, 4 * len(keys)):
+        occupied, slots = np.unique(keys, return_inverse=True)
+        return Grid(origin, rows, turns, occupied, slots)
+    occupied = np.flatnonzero(np.bincount(keys, minlength=cells))
+    table = np.zeros(cells, dtype=np.int64)
+    table[occupied] = np.arange(len(occupied))
+    return Grid(origin, rows, turns, occupied, table[keys])
 
 
 def find_clusters(poses: Float64, weights: Float64, most: int = 5) -> tuple[Cluster, ...]:
@@ -53,37 +85,62 @@ def find_clusters(poses: Float64, weights: Float64, most: int = 5) -> tuple[Clus
     most : int
         How many are returned.
     """
-    labels = _labels(poses, weights)
-    masses = np.bincount(labels, weights=weights)
-    # Equal masses: the one whose particles come first, so that the order never depends on the sorting algorithm.
-    order = np.argsort(-masses, kind="stable")[:most]
+    particles = np.ascontiguousarray(poses.T)
+    grid = grid_of(particles, _CELL_M, _HEADING_CELLS)
+    place, turn = np.divmod(grid.occupied, grid.turns)
+    centres = (np.stack(np.divmod(place, grid.rows), axis=-1) + 0.5) * _CELL_M
+    moments = cell_moments(particles, weights, grid.slots, centres, *grid.origin, grid.turns)
+    labels = _labels(grid, moments[:, 0])
+    masses = np.bincount(labels, weights=moments[:, 0])
+    headings = (turn + 0.5) * (2.0 * np.pi / grid.turns) - np.pi
+    origins = np.column_stack([centres + grid.origin, headings])
     clusters = []
-    for label in order:
+    # Equal masses: the one whose cells come first, so that the order never depends on the sorting algorithm.
+    for label in np.argsort(-masses, kind="stable")[:most]:
         if masses[label] <= 0.0:
             break
-        members = labels == label
-        clusters.append(weighted_cluster(poses[members], weights[members], float(masses[label])))
+        members = (labels == label) & (moments[:, 0] > 0.0)
+        clusters.append(_cluster(origins[members], moments[members], float(masses[label])))
     return tuple(clusters)
 
 
-def _labels(poses: Float64, weights: Float64) -> NDArray[np.int64]:
-    cells = np.floor(poses[:, :2] / _CELL_M).astype(np.int64)
-    cells -= cells.min(axis=0) - 1
-    turns = np.floor((wrap_angle(poses[:, 2]) + np.pi) * (_HEADING_CELLS / (2.0 * np.pi))).astype(np.int64) % _HEADING_CELLS
-    rows = int(cells[:, 1].max()) + 2
-    keys = (cells[:, 0] * rows + cells[:, 1]) * _HEADING_CELLS + turns
-    occupied, inverse = np.unique(keys, return_inverse=True)
+def _cluster(origins: Float64, moments: Float64, mass: float) -> Cluster:
+    """Mean and covariance of the particles of some cells from the cells' moments about their centres (see `cell_moments`)."""
+    shares = moments[:, 0] / moments[:, 0].sum()
+    offsets = moments[:, 1:4] / moments[:, :1]
+    means = origins + offsets
+    # Headings are averaged as turns from the heaviest cell's, so no seam is in the way.
+    middle = means[np.argmax(shares)]
+    mean = middle + shares @ _residuals(means, middle)
+    mean[2] = wrap_angle(mean[2])
+    xx, xy, yy, xt, yt, tt = (moments[:, 4:] / moments[:, :1]).T
+    within = np.array([[xx, xy, xt], [xy, yy, yt], [xt, yt, tt]]) @ shares - (offsets * shares[:, None]).T @ offsets
+    between = _residuals(means, mean)
+    covariance = within + (between * shares[:, None]).T @ between
+    # Rounding may leave a spread of nothing a hair below it.
+    np.fill_diagonal(covariance, np.maximum(np.diag(covariance), 0.0))
+    return Cluster(mean, covariance, mass)
+
+
+def _residuals(poses: Float64, pose: Float64) -> Float64:
+    residuals = poses - pose
+    residuals[:, 2] = angle_difference(poses[:, 2], pose[2])
+    return residuals
+
+
+def _labels(grid: Grid, masses: Float64) -> Int64:
+    """Which cluster each occupied cell belongs to."""
+    occupied = grid.occupied
     if len(occupied) == 1:
-        return np.zeros(len(poses), dtype=np.int64)
-    place, turn = np.divmod(occupied, _HEADING_CELLS)
+        return np.zeros(1, dtype=np.int64)
+    place, turn = np.divmod(occupied, grid.turns)
     pairs = []
     for dx, dy, dt in _NEIGHBOURS:
-        wanted = (place + dx * rows + dy) * _HEADING_CELLS + (turn + dt) % _HEADING_CELLS
+        wanted = (place + dx * grid.rows + dy) * grid.turns + (turn + dt) % grid.turns
         found = np.minimum(np.searchsorted(occupied, wanted), len(occupied) - 1)
         hit = np.flatnonzero(occupied[found] == wanted)
         pairs.append(np.stack([hit, found[hit]]))
     edges = np.concatenate(pairs, axis=1)
-    masses = np.bincount(inverse, weights=weights)
     heavy = masses >= _LINKING_SHARE * masses.max()
     links = edges[:, heavy[edges].all(axis=0)]
     graph = coo_array((np.ones(links.shape[1], dtype=np.int8), (links[0], links[1])), shape=(len(occupied), len(occupied)))
@@ -91,4 +148,4 @@ def _labels(poses: Float64, weights: Float64) -> NDArray[np.int64]:
     for one, other in (edges, edges[::-1]):
         rim = ~heavy[one] & heavy[other]
         labels[one[rim]] = labels[other[rim]]
-    return labels[inverse]
+    return labels

@@ -8,25 +8,34 @@ how well images fit the belief, and when the fast one falls below the slow one, 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.config.model import MonteCarloSettings, StatusSettings
 from panoloc_mcl.filters.base import Start
-from panoloc_mcl.filters.clusters import find_clusters
+from panoloc_mcl.filters.blocks import Blocks
+from panoloc_mcl.filters.clusters import find_clusters, grid_of
 from panoloc_mcl.filters.estimate import Cluster, FilterState, Status
+from panoloc_mcl.filters.resampling import SCHEMES, adaptive_count, effective_count, normalised
 from panoloc_mcl.geometry import angle_difference, compose, inverse, wrap_angle
-from panoloc_mcl.kernels.particles import propagate, systematic_resample
+from panoloc_mcl.kernels.particles import propagate
 from panoloc_mcl.motion import Motion
 from panoloc_mcl.observation.field import VoteField
 from panoloc_mcl.observation.places import Places
 
 Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+_TINY = float(np.finfo(np.float64).tiny)
 
 
 class MonteCarloFilter:
     """Particles over position and heading.
+
+    Every random number is a function of the key, the step and, where it concerns one particle, of its index: see `kernels.random`.
 
     Parameters
     ----------
@@ -36,7 +45,14 @@ class MonteCarloFilter:
     settings : MonteCarloSettings
     status : StatusSettings
     rng : numpy.random.Generator
-        The only source of randomness.
+        Gives the key of all random numbers.
+
+    Attributes
+    ----------
+    poses : float64 (n, 3)
+        A view of rows x, y, heading, which is how the kernels want them.
+    log_weights : float64 (n,)
+        Up to a constant.
     """
 
     def __init__(
@@ -45,7 +61,8 @@ class MonteCarloFilter:
         self.places = places
         self.settings = settings
         self.status_settings = status
-        self._rng = rng
+        self._key, self._step = int(rng.integers(2**63)), 0
+        self._blocks = Blocks(settings.threads)
         self.poses = self._drawn_from(start)
         self.log_weights = np.zeros(settings.particles)
         self._nothing_known = start.position is None or start.heading is None
@@ -54,30 +71,46 @@ class MonteCarloFilter:
         self._match_slow = self._match_fast = math.nan
         self._fit = math.nan
         self._votes: VoteField | None = None
+        self._place_votes = math.nan
         self._effective = float(settings.particles)
         self._resampled = False
         self._injected = 0
 
+    def _next_step(self) -> np.random.Generator:
+        """Random numbers of the next step of the filter, whatever was drawn before."""
+        self._step += 1
+        return np.random.Generator(np.random.Philox(key=self._key, counter=[0, 0, 0, self._step]))
+
     def _drawn_from(self, start: Start) -> Float64:
-        count = self.settings.particles
-        poses = np.empty((count, 3))
+        rng, count = self._next_step(), self.settings.particles
+        poses = np.empty((3, count)).T
         if start.position is None:
-            poses[:, :2] = self.places.sample_uniform(count, self._rng)
+            poses[:, :2] = self.places.sample_uniform(count, rng)
         else:
-            poses[:, :2] = np.asarray(start.position) + self._rng.normal(0.0, start.sd_position, (count, 2))
+            poses[:, :2] = np.asarray(start.position) + rng.normal(0.0, start.sd_position, (count, 2))
         if start.heading is None:
-            poses[:, 2] = self._rng.uniform(-np.pi, np.pi, count)
+            poses[:, 2] = rng.uniform(-np.pi, np.pi, count)
         else:
-            poses[:, 2] = wrap_angle(start.heading + self._rng.normal(0.0, start.sd_heading, count))
+            poses[:, 2] = wrap_angle(start.heading + rng.normal(0.0, start.sd_heading, count))
         return poses
 
     def propagate(self, motion: Motion) -> None:
         """Move every particle by odometry with noise; without motion nothing changes at all."""
-        if motion.distance == motion.turn == motion.sd_position == motion.sd_heading == 0.0:
+        if motion.stands:
             return
-        normals = self._rng.standard_normal((len(self.poses), 3))
-        dx, dy, turn = (float(value) for value in motion.increment)
-        self.poses = propagate(self.poses, dx, dy, turn, motion.sd_position, motion.sd_heading, normals)
+        self._step += 1
+        parts = (motion.first_turn, motion.along, motion.across, motion.last_turn)
+        noise = (motion.sd_first_turn, motion.sd_along, motion.sd_across, motion.sd_last_turn)
+        particles = np.ascontiguousarray(self.poses.T)
+
+        def move(block: slice) -> None:
+            moved = propagate(np.ascontiguousarray(particles[:, block]), *parts, *noise, self._key, self._step, block.start)
+            particles[:, block] = moved
+
+        # In place, block by block; the caller's array stays as it is.
+        particles = particles.copy()
+        self._blocks.each(move, len(self.poses))
+        self.poses = particles.T
 
     def heading_hypotheses(self, offset: Motion | None) -> None:
         """Particles look at all headings."""
@@ -97,27 +130,37 @@ class MonteCarloFilter:
         if not votes.informative:
             self._match = math.nan
             return
-        self._judge(self._field_log_likelihood(votes, offset))
-        self._recover(votes, offset)
-        self._reweight(votes, offset)
-        self._judge_posterior(votes, offset)
-        self._resample()
+        rng = self._next_step()
+        log_likelihood = self._field_log_likelihood(votes, offset)
+        self._judge(log_likelihood)
+        self._recover(votes, offset, log_likelihood, rng)
+        self._reweight(votes, offset, log_likelihood)
+        weights = normalised(self.log_weights)
+        self._judge_posterior(weights, log_likelihood)
+        self._resample(weights, rng)
 
-    def _seen_from(self, offset: Motion | None) -> Float64:
-        return self.poses if offset is None else compose(self.poses, offset.increment)
+    def _seen_from(self, poses: Float64, offset: Motion | None) -> Float64:
+        return poses if offset is None else compose(poses, offset.increment)
 
-    def _field_log_likelihood(self, votes: VoteField, offset: Motion | None) -> Float64:
+    def _field_log_likelihood(self, votes: VoteField, offset: Motion | None, chosen: Int64 | None = None) -> Float64:
         """Relative to the field's best cell, so 0 at most (but for interpolation); the floor keeps it finite."""
-        relative = votes.log_likelihood(votes.read(self._seen_from(offset)))
+        poses = self.poses if chosen is None else self.poses[chosen]
+        out = np.empty(len(poses))
         floor = self.settings.floor
-        if floor == 0.0:
-            # Far from the best cell exp() is 0; its logarithm must stay finite.
-            return relative
-        return np.asarray(np.log((1.0 - floor) * np.exp(relative) + floor))
+
+        def weigh(block: slice) -> None:
+            relative = votes.log_likelihood(votes.read(self._seen_from(poses[block], offset)))
+            # Without a floor: far from the best cell exp() is 0; its logarithm must stay finite.
+            out[block] = relative if floor == 0.0 else np.log((1.0 - floor) * np.exp(relative) + floor)
+
+        # What every block needs is worked out once, before threads meet it.
+        _ = votes.peak, votes.places.raster
+        self._blocks.each(weigh, len(poses))
+        return out
 
     def _judge(self, log_likelihood: Float64) -> None:
         """How much of the best cell's likelihood the prediction explains, now and in the running averages."""
-        self._match = float(self._weights() @ np.exp(log_likelihood))
+        self._match = self._explained(normalised(self.log_weights), log_likelihood)
         if math.isnan(self._match_slow):
             self._match_slow = self._match_fast = self._match
             return
@@ -125,53 +168,68 @@ class MonteCarloFilter:
         self._match_slow += recovery.slow * (self._match - self._match_slow)
         self._match_fast += recovery.fast * (self._match - self._match_fast)
 
-    def _judge_posterior(self, votes: VoteField, offset: Motion | None) -> None:
+    def _judge_posterior(self, weights: Float64, log_likelihood: Float64) -> None:
         """Running share of the best votes that the belief explains once it has seen the image: low where images do not fit it.
 
         Before the image a wide belief explains little, too, for instance after a long way without images.
         """
-        fit = float(self._weights() @ np.exp(self._field_log_likelihood(votes, offset)))
+        fit = self._explained(weights, log_likelihood)
         self._fit = fit if math.isnan(self._fit) else self._fit + self.settings.recovery.fast * (fit - self._fit)
 
-    def _recover(self, votes: VoteField, offset: Motion | None) -> None:
+    def _explained(self, weights: Float64, log_likelihood: Float64) -> float:
+        blocks = (slice(start, start + 16_384) for start in range(0, len(weights), 16_384))
+        return float(sum(weights[block] @ np.exp(log_likelihood[block]) for block in blocks))
+
+    def _recover(self, votes: VoteField, offset: Motion | None, log_likelihood: Float64, rng: np.random.Generator) -> None:
         """Replace a share of the particles by poses drawn from the image; all are weighed alike afterwards."""
         share = self._injection_share()
-        self._inject(votes.sample(int(share * len(self.poses)), self._rng), share, offset)
+        drawn = votes.sample(int(share * len(self.poses)), rng)
+        self._inject(drawn, share, votes, offset, log_likelihood, rng)
         measurement = votes.measurement
         if measurement is not None:
             # The measured pose is far sharper than the particles are dense: without some at it, none would ever meet it.
             measured_share = self.settings.measured_share
-            drawn = self._rng.multivariate_normal(
-                measurement.pose, measurement.covariance, int(measured_share * len(self.poses)), method="cholesky"
-            )
+            count = int(measured_share * len(self.poses))
+            drawn = rng.multivariate_normal(measurement.pose, measurement.covariance, count, method="cholesky")
             drawn[:, 2] = wrap_angle(drawn[:, 2])
             # Where the belief is not, they weigh no more than the chance that the robot was carried there.
             expected = min(1.0, self._mass_near(measurement.pose, offset) + share)
-            self._inject(drawn, measured_share * expected, offset)
+            self._inject(drawn, measured_share * expected, votes, offset, log_likelihood, rng)
 
-    def _inject(self, drawn: Float64, mass: float, offset: Motion | None) -> None:
-        """Put poses at the image's time in the place of as many random particles, with a total weight of ``mass``."""
-        count = len(drawn)
+    def _inject(
+        self,
+        drawn: Float64,
+        mass: float,
+        votes: VoteField,
+        offset: Motion | None,
+        log_likelihood: Float64,
+        rng: np.random.Generator,
+    ) -> None:
+        """Put poses at the image's time in the place of as many others, with a total weight of ``mass``."""
+        count, others = len(drawn), len(self.poses)
         if count == 0:
             return
         if offset is not None:
             # The image says where the robot was; bring its poses on to the particles' time.
             drawn = compose(drawn, inverse(offset.increment))
-        replaced = self._rng.choice(len(self.poses), count, replace=False)
-        weights = self._weights() * (1.0 - mass)
+        # Evenly spread over all from a random start: like particles lie next to each other, so none of a kind goes altogether.
+        replaced = (np.arange(count) * others // count + int(rng.integers(others))) % others
+        weights = normalised(self.log_weights)
+        weights *= 1.0 - mass
         weights[replaced] = mass / count
-        self.poses = self.poses.copy()
         self.poses[replaced] = drawn
-        self.log_weights = np.log(np.maximum(weights, np.finfo(np.float64).tiny))
+        np.log(np.maximum(weights, _TINY, out=weights), out=weights)
+        self.log_weights = weights
+        log_likelihood[replaced] = self._field_log_likelihood(votes, offset, replaced)
         self._injected += count
 
     def _mass_near(self, pose: Float64, offset: Motion | None) -> float:
         """Share of the belief within the limits of convergence around a pose."""
         limits = self.status_settings
-        seen_from = self._seen_from(offset)
+        seen_from = self._seen_from(self.poses, offset)
         near = np.hypot(seen_from[:, 0] - pose[0], seen_from[:, 1] - pose[1]) < limits.converged_spread_m
         near &= np.abs(angle_difference(seen_from[:, 2], pose[2])) < np.radians(limits.converged_spread_deg)
-        return float(self._weights()[near].sum())
+        return float(normalised(self.log_weights)[near].sum())
 
     def _injection_share(self) -> float:
         recovery = self.settings.recovery
@@ -185,47 +243,70 @@ class MonteCarloFilter:
             self._match_fast = self._match_slow
         return share
 
-    def _weights(self) -> Float64:
-        weights = np.exp(self.log_weights - self.log_weights.max())
-        return np.asarray(weights / weights.sum())
-
-    def _reweight(self, votes: VoteField, offset: Motion | None) -> None:
+    def _reweight(self, votes: VoteField, offset: Motion | None, log_likelihood: Float64) -> None:
         """Multiply the weights by the likelihood: that of the vote field, and of the measured pose where there is one."""
-        self.log_weights = self.log_weights + self._field_log_likelihood(votes, offset)
+        self.log_weights = self.log_weights + log_likelihood
         if votes.measurement is not None:
             doubt = self.settings.measured_doubt
-            fit = votes.measurement.relative_likelihood(self._seen_from(offset))
+            fit = votes.measurement.relative_likelihood(self._seen_from(self.poses, offset))
             self.log_weights += np.log(doubt + (1.0 - doubt) * fit)
         self.log_weights -= self.log_weights.max()
 
-    def _resample(self) -> None:
-        weights = self._weights()
-        self._effective = float(1.0 / np.sum(weights * weights))
-        if self._effective < self.settings.resample_below * len(weights):
-            self.poses = self.poses[systematic_resample(weights, self._rng.random(), len(weights))]
-            self.log_weights = np.zeros(len(weights))
+    def _resample(self, weights: Float64, rng: np.random.Generator) -> None:
+        """Draw the particles that go on, if the weights have become too uneven, or more or fewer are wanted."""
+        settings, count = self.settings, len(weights)
+        self._effective = effective_count(weights)
+        draw = SCHEMES[settings.resampling.scheme]
+        wanted = count
+        if settings.adaptive.enabled:
+            survivors = np.ascontiguousarray(self.poses[draw(weights, count, rng)].T)
+            turns = max(1, round(360.0 / settings.adaptive.bin_deg))
+            wanted = adaptive_count(len(grid_of(survivors, settings.adaptive.bin_m, turns).occupied), settings.adaptive)
+        if self._effective < settings.resampling.below * count or wanted != count:
+            chosen = draw(weights, wanted, rng)
+            self.poses = self.poses.T.take(chosen, axis=1).T
+            self.log_weights = np.zeros(wanted)
             self._resampled = True
 
     def state(self) -> FilterState:
         """Clusters, status and the figures behind it."""
-        clusters = find_clusters(self.poses, self._weights())
+        clusters = find_clusters(self.poses, normalised(self.log_weights))
         best = clusters[0]
         status = self._status_of(clusters)
         place = self.places.nearest_reference(best.pose[:2])
-        place_votes = math.nan
-        if self._votes is not None and self._votes.informative:
-            place_votes = float(self._votes.read(best.pose[None])[0])
+        if self._votes is not None:
+            informative = self._votes.informative
+            self._place_votes = float(self._votes.read(best.pose[None])[0]) if informative else math.nan
         return FilterState(
             clusters=clusters,
             status=status,
             match=self._match,
             best_place=place,
-            best_place_votes=place_votes,
+            best_place_votes=self._place_votes,
             particle_count=len(self.poses),
             injected=self._injected,
             effective_count=self._effective,
             resampled=self._resampled,
         )
+
+    def snapshot(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+        """All that the next step depends on: arrays, and a header of plain values."""
+        return {"poses": self.poses, "log_weights": self.log_weights}, {name: getattr(self, name) for name in _REMEMBERED}
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) -> None:
+        """Take over what `snapshot` gave; the vote field of the last image is gone, the figures from it are not.
+
+        Raises
+        ------
+        KeyError, ValueError
+            Something is missing, or of another shape.
+        """
+        poses, log_weights = arrays["poses"], arrays["log_weights"]
+        if poses.ndim != 2 or poses.shape != (len(log_weights), 3) or len(poses) == 0 or not np.isfinite(poses).all():
+            raise ValueError(f"poses of shape {poses.shape} do not fit {len(log_weights)} weights, or are not finite")
+        values = {name: header[name] for name in _REMEMBERED}
+        self.poses, self.log_weights, self._votes = np.ascontiguousarray(poses.T).T, log_weights, None
+        vars(self).update(values)
 
     def _status_of(self, clusters: tuple[Cluster, ...]) -> Status:
         limits = self.status_settings
@@ -239,3 +320,20 @@ class MonteCarloFilter:
         if sum(cluster.mass > limits.ambiguous_mass for cluster in clusters) >= 2:
             return Status.AMBIGUOUS
         return Status.LOST if self._has_converged and self._fit < limits.lost_match else Status.SEARCHING
+
+
+# Of the filter, besides the particles.
+_REMEMBERED = (
+    "_key",
+    "_step",
+    "_nothing_known",
+    "_has_converged",
+    "_match",
+    "_match_slow",
+    "_match_fast",
+    "_fit",
+    "_place_votes",
+    "_effective",
+    "_resampled",
+    "_injected",
+)

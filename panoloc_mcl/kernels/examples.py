@@ -12,23 +12,27 @@ from typing import Any
 import numpy as np
 
 
-def _poses(count: int = 4) -> Any:
-    return np.zeros((count, 3))
+def _particles(count: int = 4) -> Any:
+    return np.zeros((3, count))
 
 
 def _propagate() -> tuple[Any, ...]:
-    return _poses(), 0.1, 0.0, 0.1, 0.01, 0.01, np.zeros((4, 3))
+    return _particles(), 0.1, 0.2, 0.0, 0.1, 0.01, 0.01, 0.01, 0.01, 1, 2, 0
 
 
 def _read_field() -> tuple[Any, ...]:
     scores = np.ones((8, 2), dtype=np.float32)
     neighbours = np.zeros((4, 1), dtype=np.int32)
     weights = np.ones((4, 1), dtype=np.float32)
-    return _poses(), scores, neighbours, weights, -1.0, -1.0, 1.0, 2, 2
+    return _particles(), scores, neighbours, weights, -1.0, -1.0, 1.0, 2, 2
 
 
-def _systematic_resample() -> tuple[Any, ...]:
-    return np.ones(4), 0.5, 4
+def _cell_moments() -> tuple[Any, ...]:
+    return _particles(), np.ones(4), np.zeros(4, dtype=np.int64), np.zeros((1, 2)), 0.0, 0.0, 24
+
+
+def _weights_and_uniforms() -> tuple[Any, ...]:
+    return np.ones(4), np.full(4, 0.5)
 
 
 def _solve_positive() -> tuple[Any, ...]:
@@ -78,10 +82,21 @@ def _normal_equations() -> tuple[Any, ...]:
 
 #: By ``module.kernel``: the arguments of one call.
 EXAMPLES: dict[str, Callable[[], tuple[Any, ...]]] = {
+    "elementary.logarithm": lambda: (0.5,),
+    "elementary.sine_cosine": lambda: (0.5,),
     "gradients.normalised_gradients": _normalised_gradients,
+    "particles.cell_moments": _cell_moments,
+    "particles.cells_of": lambda: (_particles(), -1.0, -1.0, 0.4, 5, 24),
     "particles.propagate": _propagate,
     "particles.read_field": _read_field,
-    "particles.systematic_resample": _systematic_resample,
+    "random.normal_pair": lambda: (np.uint64(1), np.uint64(2)),
+    "random.philox": lambda: tuple(np.uint64(word) for word in range(6)),
+    "random.normals": lambda: (1, 2, 3, 0, 4),
+    "resampling.multinomial": _weights_and_uniforms,
+    "resampling.pick": _weights_and_uniforms,
+    "resampling.residual": _weights_and_uniforms,
+    "resampling.stratified": _weights_and_uniforms,
+    "resampling.systematic": lambda: (np.ones(4), 0.5, 4),
     "voting.solve_positive": _solve_positive,
     "voting.trimmed_coefficients": _trimmed_coefficients,
     "voting.vote": _vote,

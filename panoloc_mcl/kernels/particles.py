@@ -1,11 +1,16 @@
-"""Inner loops of the particle filter. A particle is a row ``(x, y, theta)`` of a float64 array of shape (n, 3)."""
+"""Inner loops of the particle filter. Particles are the columns of a float64 array (3, n): rows x, y, heading.
+
+Rows, because the compiler then works on several particles at once.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.kernels.jit import kernel
+from panoloc_mcl.kernels.elementary import sine_cosine
+from panoloc_mcl.kernels.jit import kernel, vector_kernel
+from panoloc_mcl.kernels.random import normal_pair, philox
 
 Float64 = NDArray[np.float64]
 Float32 = NDArray[np.float32]
@@ -13,49 +18,64 @@ Int32 = NDArray[np.int32]
 Int64 = NDArray[np.int64]
 
 
-@kernel
+@vector_kernel
 def propagate(
-    poses: Float64, dx: float, dy: float, turn: float, sd_position: float, sd_heading: float, normals: Float64
+    particles: Float64,
+    first_turn: float,
+    along: float,
+    across: float,
+    last_turn: float,
+    sd_first_turn: float,
+    sd_along: float,
+    sd_across: float,
+    sd_last_turn: float,
+    key: int,
+    step: int,
+    first: int,
 ) -> Float64:
-    """Move every particle by an odometry increment with Gaussian noise.
+    """Turn, drive, turn: every particle with Gaussian noise of its own (Thrun, Burgard & Fox, "Probabilistic Robotics", table 5.6).
 
     Parameters
     ----------
-    poses : float64 (n, 3)
-    dx, dy, turn : float
-        Increment in the robot's frame at its start, metres and radians.
-    sd_position, sd_heading : float
-        Standard deviations, metres and radians; both zero move all particles alike.
-    normals : float64 (n, 3)
-        Standard normal numbers.
+    particles : float64 (3, n)
+        Metres and radians.
+    first_turn, along, across, last_turn : float
+        The motion: a turn into the direction of travel, the way along and across it (to its left), and another turn.
+    sd_first_turn, sd_along, sd_across, sd_last_turn : float
+        Standard deviations of the four.
+    key, step, first : int
+        Of the random numbers; ``first`` is the index of the first of these particles among all (see `kernels.random`).
 
     Returns
     -------
-    float64 (n, 3)
+    float64 (3, n)
         Headings in [-pi, pi).
     """
-    moved = np.empty_like(poses)
-    for i in range(poses.shape[0]):
-        heading_noise = sd_heading * normals[i, 2]
-        # A turn that odometry misjudged was, on average, half made when the robot drove.
-        direction = poses[i, 2] + 0.5 * heading_noise
-        c, s = np.cos(direction), np.sin(direction)
-        ex = dx + sd_position * normals[i, 0]
-        ey = dy + sd_position * normals[i, 1]
-        moved[i, 0] = poses[i, 0] + c * ex - s * ey
-        moved[i, 1] = poses[i, 1] + s * ex + c * ey
-        heading = poses[i, 2] + turn + heading_noise
-        if not -np.pi <= heading < np.pi:
-            heading -= 2.0 * np.pi * np.floor((heading + np.pi) / (2.0 * np.pi))
-            # Rounding may leave the seam on the wrong side.
-            heading = max(heading, -np.pi) if heading < np.pi else -np.pi
-        moved[i, 2] = heading
+    moved = np.empty_like(particles)
+    word = np.uint64(0xFFFFFFFF)
+    k0, k1 = np.uint64(key) & word, np.uint64(key) >> np.uint64(32)
+    for i in range(particles.shape[1]):
+        index = np.uint64(first + i)
+        words = philox(index & word, index >> np.uint64(32), np.uint64(step), np.uint64(0), k0, k1)
+        n0, n1 = normal_pair(words[0], words[1])
+        n2, n3 = normal_pair(words[2], words[3])
+        direction = particles[2, i] + (first_turn + sd_first_turn * n0)
+        s, c = sine_cosine(direction)
+        ahead = along + sd_along * n1
+        aside = across + sd_across * n2
+        moved[0, i] = particles[0, i] + (c * ahead - s * aside)
+        moved[1, i] = particles[1, i] + (s * ahead + c * aside)
+        heading = direction + (last_turn + sd_last_turn * n3)
+        heading -= 2.0 * np.pi * np.floor((heading + np.pi) / (2.0 * np.pi))
+        # Rounding may leave the seam on the wrong side.
+        heading = max(heading, -np.pi)
+        moved[2, i] = heading if heading < np.pi else -np.pi
     return moved
 
 
 @kernel
 def read_field(
-    poses: Float64,
+    particles: Float64,
     scores: Float32,
     neighbours: Int32,
     weights: Float32,
@@ -69,7 +89,7 @@ def read_field(
 
     Parameters
     ----------
-    poses : float64 (n, 3)
+    particles : float64 (3, n)
     scores : float32 (h, k)
         Scores at h equally spaced headings (heading i is 2 pi i / h) and k places.
     neighbours : int32 (cells_y * cells_x, m)
@@ -86,18 +106,22 @@ def read_field(
     """
     n_headings = scores.shape[0]
     per_radian = n_headings / (2.0 * np.pi)
-    out = np.zeros(poses.shape[0], dtype=np.float32)
-    for i in range(poses.shape[0]):
-        column = int(np.floor((poses[i, 0] - origin_x) / cell))
-        row = int(np.floor((poses[i, 1] - origin_y) / cell))
+    per_metre = 1.0 / cell
+    out = np.zeros(particles.shape[1], dtype=np.float32)
+    for i in range(particles.shape[1]):
+        column = int(np.floor((particles[0, i] - origin_x) * per_metre))
+        row = int(np.floor((particles[1, i] - origin_y) * per_metre))
         if column < 0 or row < 0 or column >= cells_x or row >= cells_y:
             continue
         index = row * cells_x + column
-        position = poses[i, 2] * per_radian
+        position = particles[2, i] * per_radian
         lower = np.floor(position)
         fraction = np.float32(position - lower)
-        first = int(lower) % n_headings
-        second = (first + 1) % n_headings
+        first = int(lower)
+        if not 0 <= first < n_headings:
+            # Once around the circle is the rule; a division would cost more than all the rest.
+            first = first + n_headings if -n_headings <= first < 0 else first % n_headings
+        second = first + 1 if first + 1 < n_headings else 0
         total = np.float32(0.0)
         for j in range(neighbours.shape[1]):
             place = neighbours[index, j]
@@ -108,38 +132,73 @@ def read_field(
 
 
 @kernel
-def systematic_resample(weights: Float64, offset: float, count: int) -> Int64:
-    """Systematic resampling (Kitagawa 1996).
+def cells_of(particles: Float64, origin_x: float, origin_y: float, cell: float, rows: int, turns: int) -> Int64:
+    """Number of the grid cell over position and heading that each particle lies in: (column * rows + row) * turns + turn.
 
     Parameters
     ----------
-    weights : float64 (n,)
-        Non-negative, sum > 0; need not be normalised.
-    offset : float
-        One uniform random number in [0, 1).
-    count : int
-        How many indices to draw.
+    particles : float64 (3, n)
+    origin_x, origin_y : float
+        Corner of the grid; no particle lies below it.
+    cell : float
+        Side, metres.
+    rows, turns : int
+        Cells along y, and around the circle; the first of these begins at -pi.
 
     Returns
     -------
-    int64 (count,)
-        Indices in rising order; index i comes floor or ceil of count * weight_i / sum times.
+    int64 (n,)
     """
-    total = 0.0
-    for i in range(weights.shape[0]):
-        total += weights[i]
-    last = 0
-    for i in range(weights.shape[0]):
-        if weights[i] > 0.0:
-            last = i
-    indices = np.empty(count, dtype=np.int64)
-    i = 0
-    cumulative = weights[0]
-    for k in range(count):
-        target = (k + offset) * total / count
-        # Rounding may leave the last target above the sum: it belongs to the last particle that has any weight.
-        while cumulative <= target and i < last:
-            i += 1
-            cumulative += weights[i]
-        indices[k] = i
-    return indices
+    out = np.empty(particles.shape[1], dtype=np.int64)
+    per_metre, per_radian = 1.0 / cell, turns / (2.0 * np.pi)
+    for i in range(particles.shape[1]):
+        column = int((particles[0, i] - origin_x) * per_metre)
+        row = int((particles[1, i] - origin_y) * per_metre)
+        turn = int(np.floor((particles[2, i] + np.pi) * per_radian)) % turns
+        out[i] = (column * rows + row) * turns + turn
+    return out
+
+
+@kernel
+def cell_moments(
+    particles: Float64, weights: Float64, slots: Int64, centres: Float64, origin_x: float, origin_y: float, turns: int
+) -> Float64:
+    """Weighted moments of the particles in each cell of a grid, about the cell's centre.
+
+    Parameters
+    ----------
+    particles : float64 (3, n)
+    weights : float64 (n,)
+    slots : int64 (n,)
+        Which of the cells each particle lies in.
+    centres : float64 (m, 2)
+        Position of the cells' centres from the origin, metres.
+    origin_x, origin_y : float
+    turns : int
+        Cells around the circle; moments of the heading are about the middle of its cell.
+
+    Returns
+    -------
+    float64 (m, 10)
+        Sums of the weight times 1, x, y, t, xx, xy, yy, xt, yt, tt.
+    """
+    out = np.zeros((centres.shape[0], 10))
+    width = 2.0 * np.pi / turns
+    for i in range(particles.shape[1]):
+        slot = slots[i]
+        w = weights[i]
+        x = (particles[0, i] - origin_x) - centres[slot, 0]
+        y = (particles[1, i] - origin_y) - centres[slot, 1]
+        turn = (particles[2, i] + np.pi) / width
+        t = (turn - np.floor(turn) - 0.5) * width
+        out[slot, 0] += w
+        out[slot, 1] += w * x
+        out[slot, 2] += w * y
+        out[slot, 3] += w * t
+        out[slot, 4] += w * x * x
+        out[slot, 5] += w * x * y
+        out[slot, 6] += w * y * y
+        out[slot, 7] += w * x * t
+        out[slot, 8] += w * y * t
+        out[slot, 9] += w * t * t
+    return out

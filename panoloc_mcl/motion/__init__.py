@@ -1,5 +1,6 @@
 """Odometry: a buffer that answers for any time, and the noise of the way between two times."""
 
-from panoloc_mcl.motion.odometry import Motion, OdometryBuffer
+from panoloc_mcl.motion.models import Motion
+from panoloc_mcl.motion.odometry import OdometryBuffer
 
 __all__ = ["Motion", "OdometryBuffer"]

@@ -85,8 +85,9 @@ class VoteField:
     def read(self, poses: Float64) -> Float32:
         """Votes at poses (n, 3), interpolated over heading and place; 0 off the map. float32 (n,)."""
         raster = self.places.raster
+        rows = np.ascontiguousarray(poses.T)
         return read_field(
-            poses, self.votes, raster.neighbours, raster.weights, *raster.origin, raster.cell, raster.shape[1], raster.shape[0]
+            rows, self.votes, raster.neighbours, raster.weights, *raster.origin, raster.cell, raster.shape[1], raster.shape[0]
         )
 
     def log_likelihood(self, votes: Float32) -> Float64:

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from panoloc_mcl.filters.clusters import find_clusters, weighted_cluster
+from panoloc_mcl.filters.clusters import find_clusters
 from panoloc_mcl.geometry import angle_difference
 
 
@@ -105,12 +105,26 @@ def test_turning_everything_turns_the_clusters(seed: int, turn: float) -> None:
 def test_a_cluster_is_the_weighted_mean_and_covariance() -> None:
     rng = np.random.default_rng(5)
     poses, weights = blob(rng, (1.0, 2.0, 0.3)), rng.random(300)
-    cluster = weighted_cluster(poses, weights, 0.4)
+    weights /= weights.sum()
+    (cluster,) = find_clusters(poses, weights)
+    off = poses - cluster.pose
+    assert cluster.covariance == pytest.approx((off * weights[:, None]).T @ off, abs=1e-12)
     assert cluster.covariance[:2, :2] == pytest.approx(np.cov(poses[:, :2].T, aweights=weights, ddof=0))
     assert cluster.pose[:2] == pytest.approx(np.average(poses[:, :2], axis=0, weights=weights))
     # Within a few degrees the circular mean is the plain one up to third order.
     assert cluster.pose[2] == pytest.approx(np.average(poses[:, 2], weights=weights), abs=1e-4)
-    assert cluster.mass == 0.4
+    assert cluster.mass == pytest.approx(1.0)
+
+
+def test_a_grid_too_large_for_a_table_is_sorted_and_gives_the_same() -> None:
+    rng = np.random.default_rng(6)
+    near = np.vstack([blob(rng, (0.0, 0.0, 0.5), 200), blob(rng, (3.0, 1.0, -2.0), 600)])
+    far = np.vstack([near, [[5000.0, -5000.0, 0.0]]])
+    weights = np.r_[evenly(near), 0.0]
+    for one, other in zip(find_clusters(near, evenly(near)), find_clusters(far, weights), strict=True):
+        assert one.pose == pytest.approx(other.pose, abs=1e-9)
+        assert one.covariance == pytest.approx(other.covariance, abs=1e-9)
+        assert one.mass == pytest.approx(other.mass)
 
 
 def test_one_particle_is_a_cluster_of_no_spread() -> None:

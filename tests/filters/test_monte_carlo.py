@@ -3,7 +3,7 @@ import pytest
 from oracles.fields import STANDING, hills, moved
 from oracles.scenes import grid
 
-from panoloc_mcl.config.model import MonteCarloSettings, RecoverySettings, StatusSettings
+from panoloc_mcl.config.model import MonteCarloSettings, RecoverySettings, ResamplingSettings, StatusSettings
 from panoloc_mcl.filters import MonteCarloFilter, Start, Status
 from panoloc_mcl.geometry import angle_difference, between, compose
 from panoloc_mcl.observation import Places, VoteField
@@ -81,7 +81,7 @@ def test_two_equal_peaks_are_ambiguous_and_never_their_mean(seed: int, particles
 
 
 def test_even_without_resampling_the_mean_of_two_is_never_reported() -> None:
-    belief = a_filter(particles=20_000, resample_below=0.0)
+    belief = a_filter(particles=20_000, resampling=ResamplingSettings(below=0.0))
     for _ in range(3):
         belief.update(hills(PLACES, HERE, THERE))
     pose = belief.state().clusters[0].pose
@@ -181,7 +181,10 @@ def test_particles_that_all_miss_stay_finite(floor: float) -> None:
 
 def test_the_floor_bounds_what_one_image_can_say() -> None:
     belief = a_filter(
-        Start((1.0, 1.0), 0.5), floor=0.1, resample_below=0.0, recovery=RecoverySettings(min_share=0.0, max_share=0.0)
+        Start((1.0, 1.0), 0.5),
+        floor=0.1,
+        resampling=ResamplingSettings(below=0.0),
+        recovery=RecoverySettings(min_share=0.0, max_share=0.0),
     )
     belief.update(hills(PLACES, HERE))
     assert np.ptp(belief.log_weights) <= np.log(1.0 / 0.1) + 1e-9

@@ -21,7 +21,18 @@ def hills(places: Places, *poses, height: float = 0.9, tolerance: float = 0.15, 
 
 
 def moved(dx: float, dy: float, turn: float, sd_position: float = 0.02, sd_heading: float = 0.01) -> Motion:
-    return Motion(np.array([dx, dy, turn]), sd_position, sd_heading, float(np.hypot(dx, dy)), abs(turn), 0.0)
+    """A drive with noise that is the same along and across."""
+    return Motion(
+        np.array([dx, dy, turn]),
+        along=dx,
+        across=dy,
+        last_turn=turn,
+        sd_along=sd_position,
+        sd_across=sd_position,
+        sd_last_turn=sd_heading,
+        distance=float(np.hypot(dx, dy)),
+        turn=abs(turn),
+    )
 
 
 STANDING = moved(0.0, 0.0, 0.0, 0.0, 0.0)

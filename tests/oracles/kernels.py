@@ -5,19 +5,41 @@ import numpy as np
 from panoloc_mcl.geometry import compose
 
 
-def propagate(poses, dx, dy, turn, sd_position, sd_heading, normals):
-    noise = sd_heading * normals[:, 2]
-    start = poses + np.column_stack([np.zeros((len(poses), 2)), 0.5 * noise])
-    step = np.column_stack([dx + sd_position * normals[:, 0], dy + sd_position * normals[:, 1], turn + 0.5 * noise])
-    return compose(start, step)
+def propagate(particles, turns, ways, sd_turns, sd_ways, normals):
+    """Three poses put together: turn, drive, turn."""
+    moved = particles.T
+    zero = np.zeros(particles.shape[1])
+    moved = compose(moved, np.column_stack([zero, zero, turns[0] + sd_turns[0] * normals[0]]))
+    moved = compose(moved, np.column_stack([ways[0] + sd_ways[0] * normals[1], ways[1] + sd_ways[1] * normals[2], zero]))
+    return compose(moved, np.column_stack([zero, zero, turns[1] + sd_turns[1] * normals[3]])).T
 
 
-def read_field(poses, scores, neighbours, weights, origin_x, origin_y, cell, cells_x, cells_y):
+def philox(counter, key):
+    """Ten rounds in Python's whole numbers, as in the paper's figure."""
+    c, k = list(counter), list(key)
+    for _ in range(10):
+        one, other = divmod(0xD2511F53 * c[0], 1 << 32), divmod(0xCD9E8D57 * c[2], 1 << 32)
+        c = [other[0] ^ c[1] ^ k[0], other[1], one[0] ^ c[3] ^ k[1], one[1]]
+        k = [(k[0] + 0x9E3779B9) % (1 << 32), (k[1] + 0xBB67AE85) % (1 << 32)]
+    return tuple(c)
+
+
+def normals(key, step, stream, first, count):
+    out = []
+    for index in range(first, first + count):
+        words = philox((index % 2**32, index >> 32, step, stream), (key % 2**32, key >> 32))
+        for one, other in (words[:2], words[2:]):
+            drawn = np.sqrt(-2.0 * np.log((one + 0.5) / 2**32)) * np.exp(2j * np.pi * other / 2**32)
+            out += [drawn.real, drawn.imag]
+    return np.array(out).reshape(count, 4).T
+
+
+def read_field(particles, scores, neighbours, weights, origin_x, origin_y, cell, cells_x, cells_y):
     """Periodic np.interp over the headings, one particle after the other."""
     headings = 2.0 * np.pi * np.arange(len(scores) + 1) / len(scores)
     closed = np.vstack([scores, scores[:1]]).astype(np.float64)
-    out = np.zeros(len(poses))
-    for i, (x, y, theta) in enumerate(poses):
+    out = np.zeros(particles.shape[1])
+    for i, (x, y, theta) in enumerate(particles.T):
         column, row = int((x - origin_x) // cell), int((y - origin_y) // cell)
         if not (0 <= column < cells_x and 0 <= row < cells_y):
             continue
@@ -27,10 +49,33 @@ def read_field(poses, scores, neighbours, weights, origin_x, origin_y, cell, cel
     return out
 
 
-def systematic_resample(weights, offset, count):
-    targets = (np.arange(count) + offset) / count
+def pick(weights, targets):
     cumulative = np.cumsum(weights) / np.sum(weights)
     return np.minimum(np.searchsorted(cumulative, targets, side="right"), np.flatnonzero(weights)[-1])
+
+
+def residual(weights, uniforms):
+    shares = len(uniforms) * weights / weights.sum()
+    certain = np.repeat(np.arange(len(weights)), np.floor(shares).astype(int))
+    left = len(uniforms) - len(certain)
+    return np.sort(np.r_[certain, pick(shares - np.floor(shares), np.sort(uniforms[:left]))]) if left else certain
+
+
+def cells_of(particles, origin_x, origin_y, cell, rows, turns):
+    x, y, theta = particles
+    column, row = np.floor((x - origin_x) / cell), np.floor((y - origin_y) / cell)
+    turn = np.floor(np.mod(theta + np.pi, 2.0 * np.pi) * turns / (2.0 * np.pi))
+    return ((column * rows + row) * turns + turn).astype(np.int64)
+
+
+def cell_moments(particles, weights, slots, centres, origin_x, origin_y, turns):
+    out = np.zeros((len(centres), 10))
+    width = 2.0 * np.pi / turns
+    for (px, py, theta), w, slot in zip(particles.T, weights, slots, strict=True):
+        x, y = px - origin_x - centres[slot, 0], py - origin_y - centres[slot, 1]
+        t = np.mod(theta + np.pi, width) - 0.5 * width
+        out[slot] += w * np.array([1.0, x, y, t, x * x, x * y, y * y, x * t, y * t, t * t])
+    return out
 
 
 def trimmed_coefficients(design, observed, keep, trim_to):
@@ -63,3 +108,62 @@ def vote(responses, rows, columns, design, mean_responses, references, shifts, k
             best = np.argmax(cosines)
             votes[s, best] += np.exp(-(np.arccos(np.clip(cosines[best], -1.0, 1.0)) ** 2) / (2.0 * width**2)) / hypotheses
     return votes
+
+
+def vote_batched(
+    responses, rows, columns, design, mean_responses, references, shifts, keep, trim_to, width, *, downdate=False, grams=None
+):
+    """The same without a loop over hypotheses or headings: batched linear algebra, in the precision of what is given.
+
+    Every step solves the normal equations of the pixels that are left, summed anew, or with ``downdate`` those of the pixels left
+    out subtracted. ``grams`` (m, p, p): normal matrices over all pixels, when they are known beforehand.
+    """
+    m, n, t, p = design.shape
+    count, target = n, max(trim_to, -(-p // t))
+    observed = observe(responses, rows, columns, mean_responses, shifts)
+    equations = design.reshape(m, n * t, p)
+    if grams is None:
+        grams = np.swapaxes(equations, 1, 2) @ equations
+    right = observed.reshape(m, -1, n * t) @ equations
+    a = np.swapaxes(np.linalg.solve(grams, np.swapaxes(right, 1, 2)), 1, 2)
+    grams = np.repeat(grams[:, None], len(shifts), axis=1)
+    gone = np.zeros(observed.shape[:3], dtype=bool)
+    hypothesis, heading = np.arange(m)[:, None, None], np.arange(len(shifts))[None, :, None]
+    while count > target:
+        survivors = max(target, int(count * keep))
+        errors = observed.reshape(m, -1, n * t) - a @ np.swapaxes(equations, 1, 2)
+        errors = (errors * errors).reshape(m, -1, n, t).sum(axis=3)
+        errors[gone] = np.inf
+        order = np.argpartition(errors, survivors - 1, axis=2)
+        now_gone = np.ones_like(gone)
+        np.put_along_axis(now_gone, order[:, :, :survivors], False, axis=2)
+        chosen = np.nonzero(now_gone & ~gone if downdate else ~now_gone)[2].reshape(m, len(shifts), -1)
+        taken = np.empty((*chosen.shape, t, p + 1), dtype=design.dtype)
+        taken[..., :p] = design[hypothesis, chosen]
+        taken[..., p] = observed[hypothesis, heading, chosen]
+        taken = taken.reshape(m, len(shifts), -1, p + 1)
+        products = np.swapaxes(taken, 2, 3) @ taken
+        if downdate:
+            grams -= products[..., :p, :p]
+            right -= products[..., p, :p]
+        else:
+            grams, right = products[..., :p, :p], products[..., p, :p]
+        a = np.linalg.solve(grams, right[..., None])[..., 0]
+        gone, count = now_gone, survivors
+    cosines = a @ references.T / np.linalg.norm(a, axis=2, keepdims=True)
+    best = cosines.argmax(axis=2)
+    angles = np.arccos(np.clip(cosines.max(axis=2), -1.0, 1.0))
+    votes = np.zeros((len(shifts), len(references)))
+    np.add.at(votes, (np.broadcast_to(heading[..., 0], best.shape), best), np.exp(-(angles**2) / (2.0 * width**2)) / m)
+    return votes
+
+
+def observe(responses, rows, columns, mean_responses, shifts):
+    """Responses of the image turned back by all shifts at all pixels, mean removed: (m, s, n, t)."""
+    whole = np.floor(shifts).astype(int)
+    fraction = (shifts - whole).astype(mean_responses.dtype)[None, :, None]
+    left = (columns[:, None, :] + whole[None, :, None]) % responses.shape[2]
+    right = (left + 1) % responses.shape[2]
+    rows = rows[:, None, :]
+    read = [(1 - fraction) * plane[rows, left] + fraction * plane[rows, right] for plane in responses]
+    return np.stack(read, axis=-1) - mean_responses[:, None]

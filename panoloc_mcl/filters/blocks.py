@@ -1,0 +1,34 @@
+"""Work on many particles a block at a time: what lies between two steps stays in the processor's cache, and threads share blocks.
+
+Blocks are the same whatever the number of threads, so results are, too. Below some ten thousand particles threads cost more than
+they save; they are asked for, never assumed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+BLOCK = 16_384
+
+
+class Blocks:
+    """Calls a function for each block of particles.
+
+    Parameters
+    ----------
+    threads : int
+    """
+
+    def __init__(self, threads: int) -> None:
+        self._pool = ThreadPoolExecutor(threads, thread_name_prefix="particles") if threads > 1 else None
+
+    def each(self, work: Callable[[slice], None], count: int) -> None:
+        """``work(block)`` for slices that cover ``count`` particles; it writes its result itself."""
+        blocks = [slice(start, min(start + BLOCK, count)) for start in range(0, count, BLOCK)]
+        if self._pool is None or len(blocks) == 1:
+            for block in blocks:
+                work(block)
+        else:
+            # A list: errors in a thread are raised here.
+            list(self._pool.map(work, blocks))
