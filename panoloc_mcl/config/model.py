@@ -220,6 +220,14 @@ class PaperSettings(StrictModel):
     """The voting of Steinbauer & Bischof (2004), sections 2 and 3.2, as printed."""
 
     components: Annotated[int, Field(ge=1, le=100_000)] = Field(15, description="Eigenimages p of the grey-level eigenspace.")
+    filters: Literal["gradients", "steerable"] = Field(
+        "gradients",
+        description="Three filters in directions 60 degrees apart. gradients: 3x3, as in the paper; steerable: derivatives of a "
+        "Gaussian, which the paper recommends.",
+    )
+    filter_width_px: Positive = Field(
+        1.0, le=100.0, description="Standard deviation of the Gaussian of the steerable filters, pixels."
+    )
     hypotheses: Annotated[int, Field(ge=1, le=10_000)] = Field(50, description="Random subsets of pixels, each one hypothesis.")
     pixels: Annotated[int, Field(ge=2, le=1_000_000)] = Field(1000, description="Pixels a hypothesis starts from.")
     trim_keep: Annotated[float, Field(gt=0.0, lt=1.0)] = Field(

@@ -36,23 +36,44 @@ def _weights_and_uniforms() -> tuple[Any, ...]:
 
 
 def _solve_positive() -> tuple[Any, ...]:
-    return np.eye(2), np.ones(2)
+    return np.eye(3, dtype=np.float32), 1e-5
+
+
+def _equations() -> Any:
+    """One hypothesis, six pixels, two filters, two eigenimages, and the column for what is observed."""
+    equations = np.zeros((1, 12, 3), dtype=np.float32)
+    equations[0, 0, 0] = equations[0, 7, 1] = 1.0
+    return equations
 
 
 def _trimmed_coefficients() -> tuple[Any, ...]:
-    return _design()[0], 12.0 * np.eye(2), np.zeros((6, 2)), 0.8, 4
+    design = _equations()[0]
+    return design, np.ascontiguousarray(design.T), np.zeros((1, 12), dtype=np.float32), 6, 0.8, 4
 
 
-def _design() -> Any:
-    """One hypothesis, six pixels, two filters, two eigenimages."""
-    return np.linspace(-1.0, 1.0, 24).reshape(1, 6, 2, 2)
+def _numbers(count: int = 4) -> Any:
+    return np.arange(count, dtype=np.float32)
+
+
+def _integers(count: int = 4) -> Any:
+    return np.arange(count, dtype=np.int32)
+
+
+def _flags() -> Any:
+    return np.zeros(4, dtype=np.uint8)
+
+
+def _matrix() -> Any:
+    return np.eye(4, dtype=np.float32)
 
 
 def _vote() -> tuple[Any, ...]:
     responses = np.ones((2, 4, 8), dtype=np.float32)
     pixels = np.zeros((1, 6), dtype=np.int32)
-    grams = 12.0 * np.eye(2)[np.newaxis]
-    return responses, pixels, pixels, _design(), grams, np.zeros((1, 6, 2)), np.eye(2), np.zeros(1), 0.8, 4, 0.3
+    design = _equations()
+    transposed, back = np.ascontiguousarray(np.swapaxes(design, 1, 2)), np.ones((1, 3, 2), dtype=np.float32)
+    mean, references = np.zeros((1, 12), dtype=np.float32), np.eye(2)
+    return responses, pixels, pixels, design, transposed, back, mean, references, np.zeros(1), 0.8, 4, 0.3
 
 
 def _normalised_gradients() -> tuple[Any, ...]:
@@ -97,7 +118,15 @@ EXAMPLES: dict[str, Callable[[], tuple[Any, ...]]] = {
     "resampling.residual": _weights_and_uniforms,
     "resampling.stratified": _weights_and_uniforms,
     "resampling.systematic": lambda: (np.ones(4), 0.5, 4),
+    "voting.add": lambda: (_matrix(), _matrix(), -1),
+    "voting.add_squares": lambda: (_numbers(), _numbers(), _numbers()),
+    "voting.count_up_to": lambda: (_integers(), np.int32(2)),
+    "voting.leave_out": lambda: (_integers(), 2, 0, _flags(), _integers(5)),
+    "voting.limit_of_smallest": lambda: (_integers(), 2, 1 << 29),
+    "voting.read": lambda: (_numbers(8), np.arange(4, dtype=np.uint32), np.uint32(1), np.float32(0.5), _numbers(), _numbers()),
+    "voting.remaining": lambda: (_flags(), _integers(5)),
     "voting.solve_positive": _solve_positive,
+    "voting.take_rows": lambda: (_matrix(), _numbers(), _integers(2), _matrix()),
     "voting.trimmed_coefficients": _trimmed_coefficients,
     "voting.vote": _vote,
     "warping.arctan2": lambda: (0.5, -0.5),

@@ -1,6 +1,14 @@
-"""The paper's voting: trimmed least squares over fixed random pixel subsets, nearest neighbour by angle."""
+"""The paper's voting: trimmed least squares over fixed random pixel subsets, nearest neighbour by angle.
+
+What is fast here: all headings of a hypothesis go through one matrix product; the hypothesis' equations are *whitened* beforehand
+(columns orthonormal over its pixels), so that the first solution is that product itself and single precision is enough; trimmed
+pixels are subtracted from the normal equations, once more by a matrix product; and the limit of the residuals is found by counting,
+without sorting. Loops that carry the time are small functions over contiguous arrays, which the compiler turns into vector code.
+"""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,141 +17,305 @@ from panoloc_mcl.kernels.jit import kernel
 
 Float64 = NDArray[np.float64]
 Float32 = NDArray[np.float32]
+# float32 as the program calls it; the tests also run float64.
+Real = NDArray[Any]
 Int32 = NDArray[np.int32]
+UInt32 = NDArray[np.uint32]
+UInt8 = NDArray[np.uint8]
+
+# Headings that go through one matrix product: more gain little, and their filter responses leave the cache.
+_TOGETHER = 8
 
 
 @kernel
-def solve_positive(gram: Float64, right: Float64) -> Float64:
+def solve_positive(system: Real, tolerance: float) -> Real:
     """Solve ``gram a = right`` for a symmetric positive semi-definite matrix by Cholesky.
 
-    Directions without support (pivot below 1e-12 of the largest diagonal entry) get the coefficient 0.
+    Directions without support (pivot at or below the tolerance) get the coefficient 0.
 
     Parameters
     ----------
-    gram : float64 (p, p)
-    right : float64 (p,)
+    system : float32 or float64 (p + 1, p + 1)
+        The matrix, with the right side as last row; only the lower triangle is read.
+    tolerance : float
 
     Returns
     -------
-    float64 (p,)
+    same dtype (p,)
     """
-    p = gram.shape[0]
-    factor = np.zeros((p, p))
-    dead = np.zeros(p, dtype=np.bool_)
-    scale = 0.0
+    p = system.shape[0] - 1
+    factor = system.copy()
     for j in range(p):
-        scale = max(scale, gram[j, j])
-    for j in range(p):
-        pivot = gram[j, j]
+        pivot = factor[j, j]
         for k in range(j):
             pivot -= factor[j, k] * factor[j, k]
-        if pivot <= 1e-12 * scale:
-            dead[j] = True
+        if pivot <= tolerance:
+            factor[j:, j] = 0
             continue
-        factor[j, j] = np.sqrt(pivot)
-        for i in range(j + 1, p):
-            value = gram[i, j]
+        inverse = 1 / np.sqrt(pivot)
+        factor[j, j] = inverse
+        # Four rows at once: each is a chain of dependent sums, and one would leave the processor waiting.
+        i = j + 1
+        while i + 4 <= p + 1:
+            a, b, c, d = factor[i, j], factor[i + 1, j], factor[i + 2, j], factor[i + 3, j]
             for k in range(j):
-                value -= factor[i, k] * factor[j, k]
-            factor[i, j] = value / factor[j, j]
-    solution = np.zeros(p)
-    for j in range(p):
-        if dead[j]:
-            continue
-        value = right[j]
-        for k in range(j):
-            value -= factor[j, k] * solution[k]
-        solution[j] = value / factor[j, j]
+                value = factor[j, k]
+                a -= factor[i, k] * value
+                b -= factor[i + 1, k] * value
+                c -= factor[i + 2, k] * value
+                d -= factor[i + 3, k] * value
+            factor[i, j], factor[i + 1, j] = a * inverse, b * inverse
+            factor[i + 2, j], factor[i + 3, j] = c * inverse, d * inverse
+            i += 4
+        while i < p + 1:
+            a = factor[i, j]
+            for k in range(j):
+                a -= factor[i, k] * factor[j, k]
+            factor[i, j] = a * inverse
+            i += 1
+    # The diagonal holds inverses, and the last row the right side, already solved forward.
+    solution: Real = factor[p, :p].copy()
     for j in range(p - 1, -1, -1):
-        if dead[j]:
-            solution[j] = 0.0
-            continue
         value = solution[j]
         for k in range(j + 1, p):
             value -= factor[k, j] * solution[k]
-        solution[j] = value / factor[j, j]
+        solution[j] = value * factor[j, j]
     return solution
 
 
 @kernel
-def trimmed_coefficients(design: Float64, gram: Float64, observed: Float64, keep: float, trim_to: int) -> Float64:
-    """Coefficients of one hypothesis by least squares with trimming of whole pixels (Leonardis & Bischof 2000).
+def limit_of_smallest(bits: Int32, wanted: int, guess: int) -> tuple[int, int]:
+    """Find what separates the ``wanted`` smallest of non-negative numbers from the others, by counting.
 
-    Solve, keep the pixels with the smallest residuals, and repeat down to ``trim_to`` pixels. Dropped pixels are subtracted from
-    the normal equations, which is cheaper than building them again.
+    Non-negative floats are in the order of their bits, so this is a bisection over integers, started near a guess. Counting is
+    vector code; a partial sort takes several times as long.
 
     Parameters
     ----------
-    design : float64 (n, t, p)
-        Responses of t filters on p eigenimages at n pixels.
-    gram : float64 (p, p)
-        Sum of the outer products of all n t rows of ``design``.
-    observed : float64 (n, t)
-        The same filters' responses on the image, mean removed.
-    keep : float
-        Share of the pixels that survives a step, in (0, 1).
-    trim_to : int
-        Pixels left at the end (at least p).
+    bits : int32 (n,)
+        Bits of non-negative float32 numbers.
+    wanted : int
+        1..n.
+    guess : int
+        Where to look first, such as the limit of similar numbers.
 
     Returns
     -------
-    float64 (p,)
+    limit : int
+    ties : int
+        The smallest are those at most ``limit``, and as many as ``ties`` of those equal to ``limit + 1``.
     """
-    n, t, p = design.shape
-    normal = gram.copy()
-    right = np.zeros(p)
-    for i in range(n):
-        for f in range(t):
-            for j in range(p):
-                right[j] += design[i, f, j] * observed[i, f]
-    kept = np.arange(n)
-    count = n
-    coefficients = solve_positive(normal, right)
-    residuals = np.empty(n)
+    low, high, below = -1, 0x7FFFFFFF, 0
+    probe, step = guess, 1 << 19
+    rose = fell = False
+    while high - low > 1:
+        count = count_up_to(bits, np.int32(probe))
+        if count == wanted:
+            return probe, 0
+        if count > wanted:
+            high, fell = probe, True
+        else:
+            low, below, rose = probe, count, True
+        if rose and fell:
+            probe = (low + high) >> 1
+        else:
+            probe = min(high - 1, low + step) if rose else max(low + 1, high - step)
+            step *= 4
+    return low, wanted - below
+
+
+@kernel
+def count_up_to(bits: Int32, limit: np.int32) -> int:
+    """How many of int32 (n,) numbers are at most ``limit``."""
+    count = np.int32(0)
+    for i in range(bits.shape[0]):
+        # In 32 bits, twice as many fit a vector.
+        count = np.int32(count + (bits[i] <= limit))
+    return int(count)
+
+
+@kernel
+def leave_out(bits: Int32, limit: int, ties: int, gone: UInt8, rows: Int32) -> int:
+    """Mark all but the smallest as gone.
+
+    Parameters
+    ----------
+    bits : int32 (n,)
+    limit, ties : int
+        See `limit_of_smallest`.
+    gone : uint8 (n,)
+        1 = gone; changed in place.
+    rows : int32 (n + 1,)
+        Takes the indices of those newly gone, in order.
+
+    Returns
+    -------
+    int
+        How many are newly gone.
+    """
+    count = 0
+    for i in range(bits.shape[0]):
+        tied = (bits[i] == limit + 1) & (ties > 0)
+        ties -= tied
+        leaves = np.uint8((bits[i] > limit) & (not tied))
+        rows[count] = i
+        count += leaves & (gone[i] ^ np.uint8(1))
+        gone[i] |= leaves
+    return count
+
+
+@kernel
+def remaining(gone: UInt8, rows: Int32) -> int:
+    """List those not gone in ``rows`` as `leave_out` does, and return how many."""
+    count = 0
+    for i in range(gone.shape[0]):
+        rows[count] = i
+        count += gone[i] ^ np.uint8(1)
+    return count
+
+
+@kernel
+def take_rows(design: Real, observed: Real, rows: Int32, out: Real) -> Real:
+    """Copy rows of the design (n, q) to ``out`` and return it, with what was observed (n,) in their last column."""
+    q = design.shape[1]
+    for c in range(rows.shape[0]):
+        row = rows[c]
+        for j in range(q):
+            out[c, j] = design[row, j]
+        out[c, q - 1] = observed[row]
+    return out
+
+
+@kernel
+def add_squares(observed: Real, fitted: Real, residuals: Float32) -> Float32:
+    """Add squared differences to float32 (n,) residuals and return them."""
+    for i in range(residuals.shape[0]):
+        error = observed[i] - fitted[i]
+        residuals[i] += error * error
+    return residuals
+
+
+@kernel
+def add(target: Real, values: Real, sign: int) -> Real:
+    """Add a matrix to another one, or with ``sign`` -1 subtract it; return that."""
+    for j in range(target.shape[0]):
+        for k in range(target.shape[1]):
+            target[j, k] += sign * values[j, k]
+    return target
+
+
+@kernel
+def trimmed_coefficients(design: Real, transposed: Real, observed: Real, pixels: int, keep: float, trim_to: int) -> Real:
+    """Coefficients of one hypothesis by least squares with trimming of whole pixels (Leonardis & Bischof 2000).
+
+    Solve, keep the pixels with the smallest residuals, and repeat down to ``trim_to`` pixels. Every heading trims its own pixels.
+
+    Parameters
+    ----------
+    design : float32 or float64 (t n, p + 1)
+        Whitened equations of t filters at n pixels, filter by filter: the first p columns orthonormal (or 0), the last one 0.
+    transposed : same dtype (p + 1, t n)
+        The same, the other way round in memory: each product is fast in one of them.
+    observed : same dtype (s, t n)
+        The same filters' responses on the image at s headings, mean removed.
+    pixels : int
+        n.
+    keep : float
+        Share of the pixels that survives a step, in (0, 1).
+    trim_to : int
+        Pixels left at the end (at least as many as p takes).
+
+    Returns
+    -------
+    same dtype (s, p + 1)
+        Coefficients of the whitened equations; the last one is 0.
+    """
+    headings = observed.shape[0]
+    q = design.shape[1]
+    p = q - 1
+    t = design.shape[0] // pixels
+    coefficients: Real = np.dot(observed, design)
     target = max(trim_to, (p + t - 1) // t)
-    while count > target:
-        for a in range(count):
-            i = kept[a]
-            total = 0.0
-            for f in range(t):
-                error = observed[i, f]
-                for j in range(p):
-                    error -= design[i, f, j] * coefficients[j]
-                total += error * error
-            residuals[a] = total
-        survivors = max(target, int(count * keep))
-        limit = np.partition(residuals[:count], survivors - 1)[survivors - 1]
-        # Pixels at the limit itself fill up the survivors in their order, so the count is exact with ties, too.
-        below = 0
-        for a in range(count):
-            if residuals[a] < limit:
-                below += 1
-        ties = survivors - below
-        left = 0
-        for a in range(count):
-            i = kept[a]
-            stays = residuals[a] < limit
-            if not stays and residuals[a] == limit and ties > 0:
-                stays = True
-                ties -= 1
-            if stays:
-                kept[left] = i
-                left += 1
-                continue
-            for f in range(t):
-                for j in range(p):
-                    value = design[i, f, j]
-                    right[j] -= value * observed[i, f]
-                    for k in range(j + 1):
-                        normal[j, k] -= value * design[i, f, k]
-        if left == count:
-            break
-        count = left
+    if pixels <= target:
+        return coefficients
+    # Normal equations, right side as last row and column.
+    systems = np.zeros((headings, q, q), dtype=design.dtype)
+    for s in range(headings):
         for j in range(p):
-            for k in range(j):
-                normal[k, j] = normal[j, k]
-        coefficients = solve_positive(normal, right)
+            systems[s, j, j] = 1
+            systems[s, p, j] = coefficients[s, j]
+    tolerance = 100 * np.finfo(design.dtype).eps
+    fitted = np.empty_like(observed)
+    product = np.empty((q, q), dtype=design.dtype)
+    residuals = np.empty(pixels, dtype=np.float32)
+    bits = residuals.view(np.int32)
+    gone = np.zeros((headings, pixels), dtype=np.uint8)
+    chosen = np.empty(pixels + 1, dtype=np.int32)
+    most = max(pixels - max(target, int(pixels * keep)), pixels // 2) + 1
+    rows = np.empty((t * most, q), dtype=design.dtype)
+    guess = 1 << 29
+    count = pixels
+    while count > target:
+        survivors = max(target, int(count * keep))
+        np.dot(coefficients, transposed, fitted)
+        for s in range(headings):
+            residuals[:] = 0
+            for start in range(0, t * pixels, pixels):
+                add_squares(observed[s, start : start + pixels], fitted[s, start : start + pixels], residuals)
+            if count < pixels:
+                for i in range(pixels):
+                    if gone[s, i]:
+                        residuals[i] = np.inf
+            limit, ties = limit_of_smallest(bits, survivors, guess)
+            guess = limit
+            number = leave_out(bits, limit, ties, gone[s], chosen)
+            # Subtracting most of the pixels would leave little but rounding: few are summed anew.
+            anew = 2 * survivors < pixels
+            if anew:
+                number = remaining(gone[s], chosen)
+                systems[s] = 0
+            for f in range(t):
+                start = f * pixels
+                take_rows(
+                    design[start : start + pixels],
+                    observed[s, start : start + pixels],
+                    chosen[:number],
+                    rows[f * number : (f + 1) * number],
+                )
+            taken = rows[: t * number]
+            np.dot(taken.T, taken, product)
+            add(systems[s], product, 1 if anew else -1)
+            coefficients[s, :p] = solve_positive(systems[s], tolerance)
+        count = survivors
     return coefficients
+
+
+@kernel
+def read(plane: Float32, places: UInt32, offset: np.uint32, fraction: np.float32, mean: Real, out: Real) -> Real:
+    """Pixels of a turned image, linear between columns, minus those of the mean image.
+
+    Parameters
+    ----------
+    plane : float32 (pixels,)
+        One filter's responses.
+    places : uint32 (n,)
+        Indices of the pixels. Unsigned, because looking for negative indices would cost vector code.
+    offset : uint32
+        Columns to the right, and ``fraction`` of the way to the next one.
+    mean : float32 or float64 (n,)
+    out : same dtype (n,)
+
+    Returns
+    -------
+    same dtype (n,)
+        ``out``.
+    """
+    rest = np.float32(1) - fraction
+    one = np.uint32(1)
+    for i in range(places.shape[0]):
+        left = places[i] + offset
+        out[i] = rest * plane[left] + fraction * plane[left + one] - mean[i]
+    return out
 
 
 @kernel
@@ -151,9 +323,10 @@ def vote(
     responses: Float32,
     rows: Int32,
     columns: Int32,
-    design: Float64,
-    grams: Float64,
-    mean_responses: Float64,
+    design: Real,
+    transposed: Real,
+    back: Real,
+    mean_responses: Real,
     references: Float64,
     shifts: Float64,
     keep: float,
@@ -167,10 +340,12 @@ def vote(
     responses : float32 (t, rows, columns)
         Filter responses of the image, which is never turned: a heading is a column offset.
     rows, columns : int32 (m, n)
-        The n pixels of each of m hypotheses.
-    design : float64 (m, n, t, p)
-    grams : float64 (m, p, p)
-    mean_responses : float64 (m, n, t)
+        The n pixels of each of m hypotheses; rows in order read fastest.
+    design, transposed : float32 or float64 (m, t n, p + 1), (m, p + 1, t n)
+        See `trimmed_coefficients`.
+    back : same dtype (m, p + 1, p)
+        Turns coefficients of the whitened equations into coefficients of the eigenimages.
+    mean_responses : same dtype (m, t n)
         Filter responses of the mean image at those pixels.
     references : float64 (k, p)
         Coefficients of the references, scaled to unit length.
@@ -188,38 +363,49 @@ def vote(
         by the number of hypotheses.
     """
     m, n = rows.shape
-    t = responses.shape[0]
-    width_px = responses.shape[2]
-    p = references.shape[1]
+    t, height, image_columns = responses.shape
+    # Twice side by side, so that a turned image needs no modulo.
+    padded = np.empty((t, height * 2 * image_columns), dtype=np.float32)
+    for f in range(t):
+        for r in range(height):
+            start = 2 * image_columns * r
+            padded[f, start : start + image_columns] = responses[f, r]
+            padded[f, start + image_columns : start + 2 * image_columns] = responses[f, r]
     votes = np.zeros((shifts.shape[0], references.shape[0]))
-    observed = np.empty((n, t))
-    for s in range(shifts.shape[0]):
-        base = np.floor(shifts[s])
-        fraction = shifts[s] - base
-        for h in range(m):
-            for i in range(n):
-                left = (columns[h, i] + int(base)) % width_px
-                right = (left + 1) % width_px
+    places = np.empty(n, dtype=np.uint32)
+    observed_all = np.empty((_TOGETHER, t * n), dtype=design.dtype)
+    for h in range(m):
+        for i in range(n):
+            places[i] = 2 * image_columns * rows[h, i] + columns[h, i]
+        for first in range(0, shifts.shape[0], _TOGETHER):
+            observed = observed_all[: min(_TOGETHER, shifts.shape[0] - first)]
+            for s in range(observed.shape[0]):
+                whole = np.floor(shifts[first + s])
+                offset, fraction = np.uint32(int(whole) % image_columns), np.float32(shifts[first + s] - whole)
                 for f in range(t):
-                    value = (1.0 - fraction) * responses[f, rows[h, i], left] + fraction * responses[f, rows[h, i], right]
-                    observed[i, f] = value - mean_responses[h, i, f]
-            a = trimmed_coefficients(design[h], grams[h], observed, keep, trim_to)
-            norm = 0.0
-            for j in range(p):
-                norm += a[j] * a[j]
-            if norm == 0.0:
-                continue
-            norm = np.sqrt(norm)
-            best = -1
-            best_cosine = -2.0
-            for k in range(references.shape[0]):
-                cosine = 0.0
-                for j in range(p):
-                    cosine += references[k, j] * a[j]
-                cosine /= norm
-                if cosine > best_cosine:
-                    best_cosine = cosine
-                    best = k
-            angle = np.arccos(min(1.0, best_cosine))
-            votes[s, best] += np.exp(-angle * angle / (2.0 * width * width)) / m
+                    start = f * n
+                    read(
+                        padded[f],
+                        places,
+                        offset,
+                        fraction,
+                        mean_responses[h, start : start + n],
+                        observed[s, start : start + n],
+                    )
+            whitened = trimmed_coefficients(design[h], transposed[h], observed, n, keep, trim_to)
+            # In double precision, or equal angles would not give equal votes.
+            coefficients = np.dot(whitened, back[h]).astype(np.float64)
+            products = np.dot(coefficients, references.T)
+            for s in range(observed.shape[0]):
+                squared = 0.0
+                for j in range(coefficients.shape[1]):
+                    squared += coefficients[s, j] * coefficients[s, j]
+                if squared == 0.0:
+                    continue
+                best = 0
+                for k in range(references.shape[0]):
+                    if products[s, k] > products[s, best]:
+                        best = k
+                angle = np.arccos(min(1.0, products[s, best] / np.sqrt(squared)))
+                votes[first + s, best] += np.exp(-angle * angle / (2.0 * width * width)) / m
     return votes

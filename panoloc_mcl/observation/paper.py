@@ -3,7 +3,9 @@
 Where the paper is silent: a hypothesis' "points" are its pixels, each with the responses of all three filters; trimming keeps the
 ``trim_keep`` best pixels of each step down to ``trim_to`` (Leonardis & Bischof 2000, who go on to 20 p pixels; here by default one
 step, because pixels without texture have no residual under any hypothesis and trimming ends up with them alone); the subsets are
-drawn once from the seed and shared by all images and headings; votes are divided by the number of hypotheses.
+drawn once from the seed and shared by all images and headings; votes are divided by the number of hypotheses. Instead of the
+three 3x3 filters, the recommended steerable ones can be had (`panoloc_mcl.eigenspace.linear_filters`); either bank is computed
+from its two basis filters, which gives the same sums of squares.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.camera import Panorama
 from panoloc_mcl.config.model import PaperSettings
-from panoloc_mcl.eigenspace.linear_filters import filter_bank
+from panoloc_mcl.eigenspace.linear_filters import basis_responses, filter_size
 from panoloc_mcl.eigenspace.pca import principal_components
 from panoloc_mcl.errors import MapError
 from panoloc_mcl.kernels.voting import vote
@@ -38,10 +40,10 @@ class PaperModel:
     image_columns : int
         Columns of a panorama.
     rows, columns : int32 (m, n)
-        Pixels of the hypotheses.
-    design : float32 (m, n, t, p)
-        Filtered eigenimages at those pixels.
-    mean_responses : float32 (m, n, t)
+        Pixels of the hypotheses, row by row.
+    design : float32 (m, 2, n, p)
+        Filtered eigenimages at those pixels (`basis_responses`).
+    mean_responses : float32 (m, 2, n)
         Filtered mean image at those pixels.
     references : float32 (k, p)
         Coefficients of the references, of unit length.
@@ -68,10 +70,11 @@ class PaperModel:
         self._kept = dict(zip(_ARRAYS, (rows, columns, design, mean_responses, references), strict=True))
         self._image_columns = image_columns
         self._rows, self._columns = rows, columns
-        self._design = design.astype(np.float64)
-        self._mean_responses = mean_responses.astype(np.float64)
+        self._equations, self._back = whitened(design.reshape(len(design), -1, design.shape[3]))
+        # Every product is fast with one of both orders in memory.
+        self._transposed = np.ascontiguousarray(np.swapaxes(self._equations, 1, 2))
+        self._mean_responses = mean_responses.reshape(len(design), -1)
         self._references = references.astype(np.float64)
-        self._grams = np.einsum("mntj,mntk->mjk", self._design, self._design)
         count = max(1, round(360.0 / settings.heading_step_deg))
         self._headings = 2.0 * np.pi * np.arange(count) / count
 
@@ -84,24 +87,33 @@ class PaperModel:
         Raises
         ------
         MapError
-            Fewer pixels in the images than a hypothesis asks for, or more eigenimages than the references span.
+            Fewer pixels in the images than a hypothesis asks for, filters larger than the images, more eigenimages than the references
+            span, or hypotheses with fewer equations than eigenimages.
         """
         count, image_rows, image_columns = references.pixels.shape
         if settings.pixels > image_rows * image_columns:
             raise MapError(
                 f"observation.paper.pixels = {settings.pixels}: the references have {image_rows * image_columns} pixels; set fewer"
             )
+        if 2 * settings.pixels < settings.components:
+            raise MapError(
+                f"observation.paper.pixels = {settings.pixels}: the filters give {2 * settings.pixels} independent equations for "
+                f"{settings.components} eigenimages; set at least {-(-settings.components // 2)}"
+            )
+        _check_filters(settings, (image_rows, image_columns))
         images = references.pixels.reshape(count, -1).astype(np.float32)
         mean = images.mean(axis=0)
         eigenspace = principal_components(images - mean, settings.components, "observation.paper.components")
         progress(1, 2, "eigenspace")
         shape = (image_rows, image_columns)
-        filtered = np.stack([filter_bank(image.reshape(shape)) for image in eigenspace.eigenimages], axis=-1)
-        filtered_mean = filter_bank(mean.reshape(shape))
+        filtered = np.stack([_filtered(image.reshape(shape), settings) for image in eigenspace.eigenimages], axis=-1)
+        filtered_mean = _filtered(mean.reshape(shape), settings)
         rng = np.random.default_rng(seed)
         flat = np.stack(
             [rng.choice(image_rows * image_columns, settings.pixels, replace=False) for _ in range(settings.hypotheses)]
         )
+        # Their order does not matter, and in order they are read fastest.
+        flat.sort(axis=1)
         rows, columns = (index.astype(np.int32) for index in np.divmod(flat, image_columns))
         coefficients = eigenspace.coefficients
         lengths = np.linalg.norm(coefficients, axis=1, keepdims=True)
@@ -112,8 +124,8 @@ class PaperModel:
             image_columns,
             rows,
             columns,
-            np.ascontiguousarray(np.moveaxis(filtered[:, rows, columns, :], 0, 2)),
-            np.ascontiguousarray(np.moveaxis(filtered_mean[:, rows, columns], 0, 2)),
+            np.ascontiguousarray(np.moveaxis(filtered[:, rows, columns, :], 0, 1)),
+            np.ascontiguousarray(np.moveaxis(filtered_mean[:, rows, columns], 0, 1)),
             np.asarray(coefficients / np.maximum(lengths, 1e-12), dtype=np.float32),
         )
 
@@ -134,11 +146,12 @@ class PaperModel:
         if float(pixels.max()) - float(pixels.min()) < 1.0:
             return silent_field(asked, self.places, "image has no texture", full_circle)
         votes = vote(
-            filter_bank(pixels),
+            _filtered(pixels, self.settings),
             self._rows,
             self._columns,
-            self._design,
-            self._grams,
+            self._equations,
+            self._transposed,
+            self._back,
             self._mean_responses,
             self._references,
             asked * self._image_columns / (2.0 * np.pi),
@@ -149,3 +162,50 @@ class PaperModel:
         return VoteField(
             votes.astype(np.float32), asked, self.places, self.settings.tolerance * max(float(votes.max()), 1e-6), full_circle
         )
+
+
+def whitened(design: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Equations with orthonormal columns that say the same, hypothesis by hypothesis.
+
+    With G = V diag(w) V^T the Gram matrix of a design, design V / sqrt(w) has orthonormal columns; directions that the equations
+    do not determine get the column 0, and so the coefficient 0. Single precision is then enough to solve them.
+
+    Parameters
+    ----------
+    design : float32 or float64 (m, rows, p)
+
+    Returns
+    -------
+    equations : same dtype (m, rows, p + 1)
+        The last column is 0; the kernels put what is observed there.
+    back : same dtype (m, p + 1, p)
+        ``coefficients @ back`` are those of the given design.
+    """
+    m, rows, p = design.shape
+    double = design.astype(np.float64)
+    values, vectors = np.linalg.eigh(np.swapaxes(double, 1, 2) @ double)
+    # Below a hundred thousandth of the largest singular value there is only rounding of single precision.
+    known = values > 1e-10 * values[:, -1:]
+    scale = np.where(known, 1.0 / np.sqrt(np.where(known, values, 1.0)), 0.0)
+    basis = vectors * scale[:, None, :]
+    equations, back = np.zeros((m, rows, p + 1), dtype=design.dtype), np.zeros((m, p + 1, p), dtype=design.dtype)
+    equations[:, :, :p] = double @ basis
+    back[:, :p] = np.swapaxes(basis, 1, 2)
+    return equations, back
+
+
+def _filtered(image: NDArray[np.float32], settings: PaperSettings) -> NDArray[np.float32]:
+    return basis_responses(image, settings.filters, settings.filter_width_px)
+
+
+def _check_filters(settings: PaperSettings, shape: tuple[int, int]) -> None:
+    size = filter_size(settings.filters, settings.filter_width_px)
+    if size <= min(shape):
+        return
+    found = f"filters of {size} x {size} pixels are larger than the panoramas of {shape[0]} rows x {shape[1]} columns"
+    largest = (min(shape) - 1) // 2 / 3.0
+    if settings.filters == "gradients" or largest < 1.0:
+        raise MapError(f"observation.paper.filters = {settings.filters}: {found}; use larger panoramas")
+    raise MapError(
+        f"observation.paper.filter_width_px = {settings.filter_width_px:g}: {found}; set at most {np.floor(100 * largest) / 100:g}"
+    )
