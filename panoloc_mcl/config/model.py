@@ -156,15 +156,17 @@ class RefinementSettings(StrictModel):
 class VotesSettings(StrictModel):
     """The default observation model: votes in an eigenspace of locally normalised gradients."""
 
-    gradient: Literal["doubled_angle", "signed"] = Field(
+    gradient: Literal["doubled_angle", "signed", "linear"] = Field(
         "doubled_angle",
-        description="Local orientation that is compared. doubled_angle: edges whose contrast flips between day and night "
-        "still agree; signed: contrast counts.",
+        description="What is compared. doubled_angle: local orientation; edges whose contrast flips between day and night still "
+        "agree; signed: local orientation, contrast counts; linear: gradients as they are, as in the paper, which only a gain of "
+        "the whole image leaves alike.",
     )
     contrast_floor: Positive = Field(
         4.0,
         le=255.0,
-        description="Gradients well below this many grey levels per pixel count little (the c of |z| / (|z| + c)).",
+        description="Gradients well below this many grey levels per pixel count little (the c of |z| / (|z| + c)); with linear "
+        "gradients, images whose mean gradient is.",
     )
     smoothing_px: NonNegative = Field(
         1.0, le=20.0, description="Standard deviation of the Gaussian before the gradient, pixels."

@@ -3,7 +3,8 @@
 A linear gradient filter removes a global gain and offset only. Dividing every gradient by its own length (plus a contrast floor)
 removes gain that varies over the room; doubling its angle removes the sign of the contrast, so that a window that is bright by day
 and dark by night keeps its edge. The eigenspace of such images is that of image gradient orientations (Tzimiropoulos, Zafeiriou &
-Pantic, "Subspace learning from image gradient orientations", TPAMI 2012).
+Pantic, "Subspace learning from image gradient orientations", TPAMI 2012). For comparison there are linear gradients, too, which
+only the whole image's length divides.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.camera import Panorama
 from panoloc_mcl.config.model import VotesSettings
-from panoloc_mcl.kernels.gradients import normalised_gradients
+from panoloc_mcl.kernels.gradients import normalised_gradients, plain_gradients
 
 Complex64 = NDArray[np.complex64]
 Bool = NDArray[np.bool_]
@@ -26,7 +27,7 @@ def pad_circular(image: NDArray[np.float32], margin: int) -> NDArray[np.float32]
 
 
 def orientations(panorama: Panorama, settings: VotesSettings) -> tuple[Complex64, Bool]:
-    """Locally normalised gradients of a panorama.
+    """Gradients of a panorama, locally normalised or not.
 
     Parameters
     ----------
@@ -37,8 +38,9 @@ def orientations(panorama: Panorama, settings: VotesSettings) -> tuple[Complex64
     Returns
     -------
     z : complex64 (rows, columns)
-        z / (|z| + c) for ``signed``, z^2 / (|z|^2 + c^2) for ``doubled_angle``, where z = g_x + i g_y in grey levels per pixel; 0
-        where masked.
+        z / (|z| + c) for ``signed``, z^2 / (|z|^2 + c^2) for ``doubled_angle``, z / (r + c) for ``linear``, where z = g_x + i g_y in
+        grey levels per pixel and r the root mean square of |z| over the usable pixels; 0 where masked. Cosines do not see that
+        one factor, but texture can be judged and views be subtracted from images with it.
     usable : bool (rows, columns)
         False where a dark, saturated or unseen pixel, or the upper or lower rim, reaches into the gradient.
     """
@@ -59,7 +61,11 @@ def orientations(panorama: Panorama, settings: VotesSettings) -> tuple[Complex64
     # What a bad pixel reaches with noticeable weight: two pixels for the usual Gaussian of one pixel.
     spread = 1 + round(settings.smoothing_px)
     bad = cv2.dilate(bad, np.ones((2 * spread + 1, 2 * spread + 1), np.uint8))
-    z = normalised_gradients(grey, bad, margin, settings.contrast_floor, settings.gradient == "doubled_angle")
     usable = bad[:, margin : margin + columns] == 0
     usable[0] = usable[-1] = False
-    return z, usable
+    if settings.gradient == "linear":
+        z = plain_gradients(grey, bad, margin)
+        energy = np.sum(np.square(z.real) + np.square(z.imag), dtype=np.float64)
+        length = np.sqrt(energy / max(int(usable.sum()), 1))
+        return z * np.float32(1.0 / (length + settings.contrast_floor)), usable
+    return normalised_gradients(grey, bad, margin, settings.contrast_floor, settings.gradient == "doubled_angle"), usable

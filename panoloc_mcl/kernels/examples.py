@@ -106,6 +106,7 @@ EXAMPLES: dict[str, Callable[[], tuple[Any, ...]]] = {
     "elementary.logarithm": lambda: (0.5,),
     "elementary.sine_cosine": lambda: (0.5,),
     "gradients.normalised_gradients": _normalised_gradients,
+    "gradients.plain_gradients": lambda: _normalised_gradients()[:3],
     "particles.cell_moments": _cell_moments,
     "particles.cells_of": lambda: (_particles(), -1.0, -1.0, 0.4, 5, 24),
     "particles.propagate": _propagate,

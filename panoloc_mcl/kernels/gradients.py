@@ -1,4 +1,4 @@
-"""Local orientation: gradients divided by their own length."""
+"""Gradients as they are, and local orientation: gradients divided by their own length."""
 
 from __future__ import annotations
 
@@ -53,4 +53,30 @@ def normalised_gradients(grey: Float32, bad: UInt8, margin: int, floor: float, d
             else:
                 scale = np.float32(1.0) / (np.sqrt(squared) + c)
                 z[r, k] = complex(gx * scale, gy * scale)
+    return z
+
+
+@kernel
+def plain_gradients(grey: Float32, bad: UInt8, margin: int) -> Complex64:
+    """Central differences of an image as they are.
+
+    Parameters
+    ----------
+    grey, bad, margin
+        See `normalised_gradients`.
+
+    Returns
+    -------
+    complex64 (rows, columns)
+        Grey levels per pixel; 0 where bad, and in the first and the last row.
+    """
+    rows, padded = grey.shape
+    columns = padded - 2 * margin
+    z = np.zeros((rows, columns), dtype=np.complex64)
+    half = np.float32(0.5)
+    for r in range(1, rows - 1):
+        for k in range(columns):
+            p = k + margin
+            if not bad[r, p]:
+                z[r, k] = complex(half * (grey[r, p + 1] - grey[r, p - 1]), half * (grey[r + 1, p] - grey[r - 1, p]))
     return z

@@ -9,7 +9,7 @@ from oracles.scenes import COLUMNS, ROWS, panorama, texture
 from panoloc_mcl.config.model import VotesSettings
 from panoloc_mcl.eigenspace.gradients import orientations, pad_circular
 
-KINDS = ["doubled_angle", "signed"]
+KINDS = ["doubled_angle", "signed", "linear"]
 # Gradients come from float32 grey levels of up to 255: about 1e-5 grey levels, against a contrast floor of a few.
 CLOSE = 1e-4
 
@@ -58,15 +58,35 @@ def test_gain_and_offset_vanish_with_the_contrast_floor(gradient: str, gain: flo
     assert changes[-1] < 0.02 * changes[0]
 
 
-@pytest.mark.parametrize("gradient", KINDS)
+@pytest.mark.parametrize("gradient", ["doubled_angle", "signed"])
 def test_features_never_exceed_one(gradient: str) -> None:
     z, _ = orientations(panorama(texture(3)), VotesSettings(gradient=gradient, contrast_floor=0.01))
     assert 0.9 < np.abs(z).max() <= 1.0 + 1e-6
 
 
+def test_linear_gradients_are_gradients_of_unit_length_but_for_the_floor() -> None:
+    image = texture(9).astype(np.float32)
+    chosen = VotesSettings(gradient="linear", contrast_floor=0.001, smoothing_px=0.0, median=False)
+    z, usable = orientations(panorama(image), chosen)
+    assert np.mean(np.abs(z[usable]) ** 2) == pytest.approx(1.0, abs=1e-3)
+    g = 0.5 * (np.roll(image, -1, axis=1) - np.roll(image, 1, axis=1))[usable]
+    assert np.corrcoef(z.real[usable], g)[0, 1] == pytest.approx(1.0, abs=1e-6)
+    # Light that varies over the room is left in, unlike with local normalisation.
+    lit = image * np.linspace(0.3, 1.0, COLUMNS, dtype=np.float32)
+    changes = {
+        kind: np.abs(
+            orientations(panorama(lit), VotesSettings(gradient=kind))[0]
+            - orientations(panorama(image), VotesSettings(gradient=kind))[0]
+        ).mean()
+        / np.abs(orientations(panorama(image), VotesSettings(gradient=kind))[0]).mean()
+        for kind in KINDS
+    }
+    assert changes["linear"] > 1.5 * changes["signed"]
+
+
 def test_turned_contrast_keeps_doubled_angles_and_flips_signed_ones() -> None:
     image = texture(4).astype(np.float32)
-    for gradient, sign in (("doubled_angle", 1.0), ("signed", -1.0)):
+    for gradient, sign in (("doubled_angle", 1.0), ("signed", -1.0), ("linear", -1.0)):
         chosen = VotesSettings(gradient=gradient)
         z, usable = orientations(panorama(image), chosen)
         negative, negative_usable = orientations(panorama(255.0 - image), chosen)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from oracles import warping as naive
 
-from panoloc_mcl.kernels.gradients import normalised_gradients
+from panoloc_mcl.kernels.gradients import normalised_gradients, plain_gradients
 
 
 @pytest.mark.parametrize("doubled", [True, False])
@@ -35,3 +35,16 @@ def test_doubled_angles_forget_the_sign_of_the_contrast(variant) -> None:
     assert np.abs(one - other).max() < 1e-5
     one, other = (variant(normalised_gradients)(image, fine, 1, 4.0, False) for image in (grey, 255.0 - grey))
     assert np.abs(one + other).max() < 1e-5
+
+
+@pytest.mark.parametrize("margin", [1, 4])
+def test_plain_gradients_agree_with_numpy(variant, margin: int) -> None:
+    rng = np.random.default_rng(margin)
+    grey = rng.uniform(0.0, 255.0, (9, 12 + 2 * margin)).astype(np.float32)
+    bad = (rng.random(grey.shape) < 0.2).astype(np.uint8)
+    found = variant(plain_gradients)(grey, bad, margin)
+    rows, columns = np.gradient(grey.astype(np.float64))
+    expected = np.where(bad, 0.0, columns + 1j * rows)[:, margin:-margin]
+    expected[[0, -1]] = 0.0
+    assert found.dtype == np.complex64
+    assert np.abs(found - expected).max() < 1e-4

@@ -26,7 +26,7 @@ def expected_votes(image: np.ndarray, chosen: VotesSettings, world=WORLD) -> np.
     return brute.voted(cosines, chosen.vote_width)
 
 
-@pytest.mark.parametrize("gradient", ["doubled_angle", "signed"])
+@pytest.mark.parametrize("gradient", ["doubled_angle", "signed", "linear"])
 def test_votes_agree_with_brute_force(gradient: str) -> None:
     chosen = VotesSettings(gradient=gradient, bandwidth=1.0)
     model = VotesModel.build(WORLD, chosen)

@@ -31,7 +31,7 @@ def orientations(image, valid, settings):
     z = gx + 1j * gy
     if settings.gradient == "doubled_angle":
         z = z * z / (np.abs(z) ** 2 + settings.contrast_floor**2)
-    else:
+    elif settings.gradient == "signed":
         z = z / (np.abs(z) + settings.contrast_floor)
     reach = 1 + round(settings.smoothing_px)
     rows, columns = bad.shape
@@ -41,4 +41,6 @@ def orientations(image, valid, settings):
         usable[near_rows, np.arange(c - reach, c + reach + 1) % columns] = False
     usable[0] = usable[rows - 1] = False
     z[~usable] = 0.0
+    if settings.gradient == "linear":
+        z /= np.sqrt(np.mean(np.abs(z[usable]) ** 2)) + settings.contrast_floor
     return z, usable
