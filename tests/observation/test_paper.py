@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
 from oracles import kernels as naive
-from oracles.scenes import COLUMNS, ROWS, panorama, random_world, texture, turned
+from oracles.scenes import COLUMNS, ROWS, grid, panorama, random_world, references, texture, turned
+from scipy import signal
 
 from panoloc_mcl.config.model import PaperSettings
-from panoloc_mcl.eigenspace.linear_filters import filter_bank
+from panoloc_mcl.eigenspace.linear_filters import DIRECTIONS_DEG, filter_bank, gaussian_derivative
 from panoloc_mcl.errors import MapError
 from panoloc_mcl.observation import PaperModel
 
@@ -14,32 +15,48 @@ MODEL = PaperModel.build(WORLD, SETTINGS, seed=1)
 FULL_TURN = 2.0 * np.pi
 
 
-def test_votes_agree_with_sections_2_and_3_done_by_hand() -> None:
-    """Eigenspace by SVD, hypotheses by lstsq at every step, the image really turned back."""
+def bank(image: np.ndarray, filters: str, width: float) -> np.ndarray:
+    """Responses of all three filters."""
+    if filters == "gradients":
+        return filter_bank(image.astype(np.float32))
+    along = gaussian_derivative(width)
+    reach = len(along) // 2
+    padded = np.pad(
+        np.pad(image.astype(np.float64), ((reach, reach), (0, 0)), mode="edge"), ((0, 0), (reach, reach)), mode="wrap"
+    )
+    x, y = (signal.correlate2d(padded, kernel, mode="valid") for kernel in (along, along.T))
+    return np.stack([np.cos(a) * x + np.sin(a) * y for a in np.radians(DIRECTIONS_DEG)]).astype(np.float32)
+
+
+@pytest.mark.parametrize(("filters", "width"), [("gradients", 1.0), ("steerable", 0.8), ("steerable", 2.0)])
+def test_votes_agree_with_sections_2_and_3_done_by_hand(filters: str, width: float) -> None:
+    """Eigenspace by SVD, all three filters, hypotheses by lstsq at every step, the image really turned back."""
+    chosen = SETTINGS.model_copy(update={"filters": filters, "filter_width_px": width})
+    model = PaperModel.build(WORLD, chosen, seed=1)
     images = WORLD.pixels.reshape(6, -1).astype(np.float64)
     mean = images.mean(axis=0)
     _, _, basis = np.linalg.svd(images - mean, full_matrices=False)
     basis = basis[: SETTINGS.components]
     coefficients = (images - mean) @ basis.T
-    filtered = [filter_bank(e.reshape(ROWS, COLUMNS).astype(np.float32)) for e in basis]
-    filtered_mean = filter_bank(mean.reshape(ROWS, COLUMNS).astype(np.float32))
-    kept = MODEL.arrays()
+    filtered = [bank(e.reshape(ROWS, COLUMNS), filters, width) for e in basis]
+    filtered_mean = bank(mean.reshape(ROWS, COLUMNS), filters, width)
+    kept = model.arrays()
     rows, columns = kept["rows"], kept["columns"]
     query = turned(texture(3), 10)
     votes = naive.vote(
-        filter_bank(query.astype(np.float32)),
+        bank(query, filters, width),
         rows,
         columns,
         np.stack([f[:, rows, columns] for f in filtered], axis=-1).transpose(1, 2, 0, 3),
         filtered_mean[:, rows, columns].transpose(1, 2, 0),
         coefficients / np.linalg.norm(coefficients, axis=1, keepdims=True),
-        np.arange(COLUMNS, dtype=np.float64),
+        np.arange(0.0, COLUMNS, COLUMNS / 60),
         SETTINGS.trim_keep,
         SETTINGS.trim_to,
         SETTINGS.vote_width,
     )
     # Single precision may trim another pixel here and there, which moves a hypothesis a little.
-    differences = np.abs(MODEL.observe(panorama(query)).votes - votes)
+    differences = np.abs(model.observe(panorama(query)).votes - votes)
     assert np.median(differences) < 1e-4
     assert np.mean(differences > 0.02) < 0.02
 
@@ -102,9 +119,22 @@ def test_two_references_are_enough() -> None:
         (6, {"components": 6}, "components = 6"),
         (1, {"components": 1}, "components = 1"),
         (6, {"pixels": 5000}, "pixels = 5000"),
+        (6, {"components": 5, "pixels": 2}, "pixels = 2"),
+        (6, {"filters": "steerable", "filter_width_px": 5.0}, "filter_width_px = 5: .* 31 x 31 .* 20 rows .* at most 3$"),
     ],
 )
 def test_settings_that_ask_for_too_much_are_refused_in_one_line(count: int, changes: dict, key: str) -> None:
     with pytest.raises(MapError, match=rf"observation\.paper\.{key}") as caught:
         PaperModel.build(random_world(count), SETTINGS.model_copy(update=changes))
     assert len(caught.value.faults) == 1
+
+
+def test_three_by_three_filters_are_refused_on_images_of_two_rows() -> None:
+    world = references([texture(seed, 2, 60) for seed in range(6)], grid(3, 2))
+    with pytest.raises(MapError, match=r"observation\.paper\.filters = gradients: .*3 x 3 .* 2 rows"):
+        PaperModel.build(world, SETTINGS)
+
+
+def test_the_widest_filters_that_fit_are_taken() -> None:
+    widest = SETTINGS.model_copy(update={"filters": "steerable", "filter_width_px": 3.0})
+    assert PaperModel.build(WORLD, widest).observe(panorama(texture(2))).informative
