@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.camera import Panorama
 from panoloc_mcl.config.model import VotesSettings
+from panoloc_mcl.errors import MapError
 from panoloc_mcl.kernels.gradients import normalised_gradients, plain_gradients
 
 Complex64 = NDArray[np.complex64]
@@ -24,6 +25,30 @@ Bool = NDArray[np.bool_]
 def pad_circular(image: NDArray[np.float32], margin: int) -> NDArray[np.float32]:
     """Add ``margin`` columns on both sides that continue the image across its seam; ``margin`` may exceed the width."""
     return np.pad(image, ((0, 0), (margin, margin)), mode="wrap")
+
+
+def check_filter_size(shape: tuple[int, int], settings: VotesSettings) -> None:
+    """Refuse filters that are larger than the panoramas, where there is nothing but rims and seams.
+
+    Parameters
+    ----------
+    shape : (rows, columns)
+        Of the panoramas.
+    settings : VotesSettings
+
+    Raises
+    ------
+    MapError
+        The Gaussian, cut at 3 sigma, and the difference after it reach over the whole image.
+    """
+    # The difference needs a pixel more on both sides.
+    size = 2 * int(np.ceil(3.0 * settings.smoothing_px)) + 3
+    if size <= min(shape):
+        return
+    found = f"filters of {size} x {size} pixels are larger than the panoramas of {shape[0]} rows x {shape[1]} columns"
+    largest = ((min(shape) - 1) // 2 - 1) / 3.0
+    remedy = f"set at most {np.floor(100 * largest) / 100:g}" if largest >= 0.0 else "use larger panoramas"
+    raise MapError(f"observation.votes.smoothing_px = {settings.smoothing_px:g}: {found}; {remedy}")
 
 
 def orientations(panorama: Panorama, settings: VotesSettings) -> tuple[Complex64, Bool]:

@@ -18,7 +18,7 @@ from scipy import fft
 
 from panoloc_mcl.camera import Panorama
 from panoloc_mcl.config.model import VotesSettings
-from panoloc_mcl.eigenspace.gradients import orientations
+from panoloc_mcl.eigenspace.gradients import check_filter_size, orientations
 from panoloc_mcl.eigenspace.pca import eigenspace_of
 from panoloc_mcl.errors import MapError
 from panoloc_mcl.observation.base import Arrays
@@ -106,8 +106,9 @@ class VotesModel:
         Raises
         ------
         MapError
-            A reference without usable texture, or more eigenimages asked for than there are.
+            A reference without usable texture, filters larger than the panoramas, or more eigenimages asked for than there are.
         """
+        check_filter_size(references.geometry.shape, settings)
         _check_texture(references, settings)
         synthesizer, notes = _synthesizer(references, settings, progress)
         places = _places(references, settings, synthesizer)

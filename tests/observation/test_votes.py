@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles import votes as brute
-from oracles.scenes import COLUMNS, ROWS, panorama, random_world, references, texture, turned
+from oracles.scenes import COLUMNS, ROWS, grid, panorama, random_world, references, texture, turned
 
 from panoloc_mcl.config.model import VotesSettings
 from panoloc_mcl.eigenspace.gradients import orientations
@@ -171,6 +171,20 @@ def test_references_without_texture_are_named_one_line_each() -> None:
     with pytest.raises(MapError) as caught:
         VotesModel.build(world, SETTINGS)
     assert [fault.split(":")[0] for fault in caught.value.faults] == ["reference ref_1.png", "reference ref_2.png"]
+
+
+@pytest.mark.parametrize(
+    ("rows", "width", "line"),
+    [
+        (20, 3.5, r"smoothing_px = 3\.5: .* 25 x 25 .* 20 rows .* at most 2\.66$"),
+        (2, 0.0, r"3 x 3 .* 2 rows .*; use larger panoramas$"),
+    ],
+)
+def test_filters_larger_than_the_image_are_refused_in_one_line(rows: int, width: float, line: str) -> None:
+    world = references([texture(seed, rows, COLUMNS) for seed in range(3)], grid(3, 1))
+    with pytest.raises(MapError, match=rf"observation\.votes\..*{line}") as caught:
+        VotesModel.build(world, VotesSettings(smoothing_px=width))
+    assert len(caught.value.faults) == 1
 
 
 def test_more_components_than_references_are_refused() -> None:
