@@ -40,6 +40,10 @@ class MapError(PanolocError):
     """A map that cannot be built, read, or used with this camera or configuration."""
 
 
+class StateError(PanolocError):
+    """A saved state of a localizer that is damaged, or was saved with another map or other settings."""
+
+
 class OutputError(PanolocError):
     """A file that cannot be written."""
 

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+import io
+import json
 import os
 import tempfile
+import zipfile
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from platformdirs import user_cache_path
 
 from panoloc_mcl.errors import OutputError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 CACHE_VARIABLE = "PANOLOC_CACHE_DIR"
 
@@ -49,3 +58,42 @@ def write_atomically(path: Path, content: bytes | str) -> None:
         if temporary is not None:
             Path(temporary).unlink(missing_ok=True)
         raise OutputError(f"{path}: cannot be written ({error.strerror}); check permissions and free space") from error
+
+
+def write_arrays(path: Path, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write arrays with a header of plain values, as NumPy's npz: each part has a checksum.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    """
+    import numpy as np
+
+    content = io.BytesIO()
+    text = np.frombuffer(json.dumps(header).encode("utf-8"), dtype=np.uint8)
+    np.savez(content, allow_pickle=False, header=text, **arrays)
+    write_atomically(path, content.getvalue())
+
+
+def read_arrays(path: Path) -> tuple[dict[str, Any], dict[str, NDArray[np.generic]]]:
+    """Read what `write_arrays` wrote; nothing in it is executed.
+
+    Raises
+    ------
+    ValueError
+        Not such a file, or damaged; one line says how.
+    OSError
+        The file cannot be read.
+    """
+    import numpy as np
+
+    try:
+        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as content:
+            arrays = {name: content[name] for name in content.files}
+        header = json.loads(arrays.pop("header").tobytes().decode("utf-8"))
+    except (zipfile.BadZipFile, EOFError, KeyError, AttributeError, TypeError, ValueError) as error:
+        raise ValueError(f"not written by this program, or cut short: {error}") from error
+    if not isinstance(header, dict):
+        raise ValueError("its header is no mapping")
+    return header, arrays

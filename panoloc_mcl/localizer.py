@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import bisect
+import hashlib
+import json
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,12 +18,15 @@ from threadpoolctl import ThreadpoolController
 
 from panoloc_mcl.camera import Camera
 from panoloc_mcl.config.model import InitialPose, RunConfig
-from panoloc_mcl.errors import ConfigError, ImageError
+from panoloc_mcl.errors import ConfigError, ImageError, StateError
+from panoloc_mcl.files import read_arrays, write_arrays
 from panoloc_mcl.filters import Estimate, KalmanOrientationFilter, MonteCarloFilter, PoseFilter, Start
-from panoloc_mcl.motion import Motion, OdometryBuffer
+from panoloc_mcl.motion import Motion, OdometryBuffer, blind
 from panoloc_mcl.observation import ObservationModel, Places, VoteField
 from panoloc_mcl.observation.field import silent_field
 from panoloc_mcl.panorama_map import PanoramaMap
+
+STATE_FORMAT = "panoloc-state/1"
 
 
 class Localizer:
@@ -61,14 +68,20 @@ class Localizer:
         model: ObservationModel | None = None,
     ) -> None:
         config = config or RunConfig()
+        self.config = config
         self.settings = config.localizer
+        self._map = panorama_map
         self._unwrap = panorama_map.unwrapper(camera, image_size)
         self._observation = model or panorama_map.observation_model(config.observation)
         self._odometry = OdometryBuffer(self.settings.motion)
         rng = np.random.default_rng(config.seed if seed is None else seed)
         self._filter = self._make_filter(self._observation.places, _start(self.settings.initial, start_pose), rng)
         self._time: float | None = None
-        self._reported_rejections: dict[str, int] = {}
+        # Times of the images that were fused, as far back as late ones are taken.
+        self._fused: list[float] = []
+        # Time stamp of the last image that was left out because it is so far from the others.
+        self._suspect: float | None = None
+        self._reported: dict[str, int] = {}
         self.images_skipped = 0
         self._blas = ThreadpoolController()
 
@@ -110,6 +123,7 @@ class Localizer:
         if problem:
             self.images_skipped += 1
             return self._estimate(problem, None, stage_ms)
+        note = self._follow_clock(timestamp)
         motion, offset = self._motion_to(timestamp)
         if not self._gate_opens(motion if offset is None else offset):
             return None
@@ -123,18 +137,60 @@ class Localizer:
             with _timed(stage_ms, "update"):
                 self._filter.update(votes, offset)
             self._time = timestamp if offset is None else self._time
-            return self._estimate(votes.problem, votes, stage_ms)
+            self._remember(timestamp)
+            return self._estimate("; ".join(part for part in (note, votes.problem) if part), votes, stage_ms)
 
     def _stamp_problem(self, timestamp: float) -> str:
+        """Why the time stamp of an image cannot be used; empty when it can."""
         if not math.isfinite(timestamp):
             return "image skipped: its time stamp is not finite"
-        if self._time is None or timestamp > self._time:
+        if self._time is None:
             return ""
-        if timestamp == self._time:
+        if timestamp in self._fused:
             return f"image skipped: time stamp {timestamp:.9f} came twice"
-        if timestamp < self._odometry.oldest:
+        if self._late_from() <= timestamp <= self._ahead_to() or self._clock_agrees(timestamp):
+            return ""
+        self._suspect = timestamp
+        if timestamp < self._time:
             return f"image skipped: {self._time - timestamp:.3f} s late, before the odometry that is kept"
-        return ""
+        return f"image skipped: its time stamp is {timestamp - self._time:.3f} s ahead; used only if the next one agrees"
+
+    def _late_from(self) -> float:
+        """The earliest time that a late image may have: the way back to it must be known."""
+        assert self._time is not None
+        kept = self._time - self.settings.motion.buffer_s
+        # Odometry that begins after the belief's time is of another clock, or too late to say anything.
+        return max(self._odometry.oldest, kept) if self._odometry.oldest <= self._time else kept
+
+    def _ahead_to(self) -> float:
+        """The latest time that an image can have if the clock has not jumped."""
+        assert self._time is not None
+        return max(self._odometry.newest, self._time) + self.settings.motion.clock_jump_s
+
+    def _clock_agrees(self, timestamp: float) -> bool:
+        """Whether an image that lies far from all others follows on the one before it, which did, too."""
+        return self._suspect is not None and 0.0 < timestamp - self._suspect <= self.settings.motion.clock_jump_s
+
+    def _follow_clock(self, timestamp: float) -> str:
+        """If two images agree that the clock has jumped, go on by the new time; what happened meanwhile is unknown."""
+        if self._time is None or self._late_from() <= timestamp <= self._ahead_to():
+            self._suspect = None
+            return ""
+        assert self._suspect is not None
+        jump = self._suspect - self._time
+        # The robot was moving for some time that the clock does not tell.
+        unknown = self.settings.motion.clock_jump_s
+        self._filter.propagate(blind(Motion(np.zeros(3), duration_s=unknown), unknown, self.settings.motion))
+        if self._odometry.newest > timestamp + unknown or self._odometry.newest < self._suspect - unknown:
+            # Odometry by the old clock would only mislead.
+            self._odometry.clear()
+        self._time, self._fused, self._suspect = self._suspect, [], None
+        return f"image stamps jumped by {jump:+.3f} s; going on from there"
+
+    def _remember(self, timestamp: float) -> None:
+        bisect.insort(self._fused, timestamp)
+        while self._fused and self._fused[0] < self._late_from():
+            self._fused.pop(0)
 
     def _motion_to(self, timestamp: float) -> tuple[Motion, Motion | None]:
         """Motion of the belief up to an image; for a late one none, but the way back from the belief's time to the image's."""
@@ -165,18 +221,124 @@ class Localizer:
         with _timed(stage_ms, "estimate"):
             state = self._filter.state()
         best = state.clusters[0]
-        message = "; ".join(part for part in (problem, self._new_rejections()) if part)
+        message = "; ".join(part for part in (problem, self._news_of_odometry()) if part)
         time_of_belief = math.nan if self._time is None else self._time
         return Estimate(time_of_belief, best.pose, best.covariance, state.status, message, state, votes, stage_ms)
 
-    def _new_rejections(self) -> str:
-        parts = []
+    def _news_of_odometry(self) -> str:
+        """What odometry was left out since the last answer, and what else befell it."""
+        parts, counts = [], {}
         for reason, count in self._odometry.rejected.items():
-            new = count - self._reported_rejections.get(reason, 0)
+            counts[reason] = count
+            new = count - self._reported.get(reason, 0)
             if new:
                 parts.append(f"{new} odometry measurement{'s' if new > 1 else ''} left out ({reason})")
-        self._reported_rejections = dict(self._odometry.rejected)
+        for event, count in self._odometry.events.items():
+            counts[event] = count
+            if count > self._reported.get(event, 0):
+                parts.append(f"odometry: {event}")
+        self._reported = counts
         return ", ".join(parts)
+
+    def save_state(self, path: str | Path) -> None:
+        """Save all that the next estimate depends on, whole or not at all: a localizer that loads it goes on to the last bit.
+
+        Parameters
+        ----------
+        path : str or Path
+            An npz file.
+
+        Raises
+        ------
+        OutputError
+            The file cannot be written.
+        """
+        filter_arrays, filter_header = self._filter.snapshot()
+        odometry_arrays, odometry_header = self._odometry.snapshot()
+        arrays = {f"filter.{name}": array for name, array in filter_arrays.items()}
+        arrays |= {f"odometry.{name}": array for name, array in odometry_arrays.items()}
+        header = {
+            "format": STATE_FORMAT,
+            "map": self._map_fingerprint(),
+            "settings": _that_count(self.config),
+            "filter": filter_header,
+            "odometry": odometry_header,
+            "time": self._time,
+            "fused": self._fused,
+            "suspect": self._suspect,
+            "reported": self._reported,
+            "images_skipped": self.images_skipped,
+        }
+        write_arrays(Path(path), header, arrays)
+
+    def load_state(self, path: str | Path) -> None:
+        """Go on from a saved state; this localizer's start pose and seed no longer matter.
+
+        Parameters
+        ----------
+        path : str or Path
+            From `save_state`, with the same map and the same settings of observation and localizer.
+
+        Raises
+        ------
+        StateError
+            Missing or damaged, or saved with another map, other settings or another version. This localizer is then as before.
+        """
+        try:
+            header, arrays = read_arrays(Path(path))
+        except FileNotFoundError:
+            raise StateError(f"{path}: no such file; check the path") from None
+        except (OSError, ValueError) as error:
+            raise StateError(f"{path}: not a saved state ({error}); start anew and save it again") from error
+        if header.get("format") != STATE_FORMAT:
+            raise StateError(f"{path}: format is {header.get('format')!r}, this version reads '{STATE_FORMAT}'; start anew")
+        if header.get("map") != self._map_fingerprint():
+            raise StateError(f"{path}: saved with another map than '{self._map.name}'; load the map that it was saved with")
+        different = _first_difference(header.get("settings"), _that_count(self.config))
+        if different:
+            raise StateError(f"{path}: saved with {different}; use the settings that it was saved with, or start anew")
+        try:
+            self._take_over(header, arrays)
+        except (LookupError, ValueError, TypeError, AttributeError) as error:
+            raise StateError(f"{path}: the saved state is damaged ({error}); start anew and save it again") from error
+
+    def _take_over(self, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:
+        def part(name: str) -> dict[str, NDArray[Any]]:
+            return {key.removeprefix(f"{name}."): array for key, array in arrays.items() if key.startswith(f"{name}.")}
+
+        odometry = OdometryBuffer(self.settings.motion)
+        odometry.restore(part("odometry"), header["odometry"])
+        values = {f"_{name}": header[name] for name in ("time", "fused", "suspect", "reported")}
+        skipped = int(header["images_skipped"])
+        # The last that can fail; it changes nothing if it does.
+        self._filter.restore(part("filter"), header["filter"])
+        vars(self).update(values)
+        self._odometry, self.images_skipped = odometry, skipped
+
+    def _map_fingerprint(self) -> str:
+        references = self._map.references
+        digest = hashlib.sha256(json.dumps([self._map.name, self._map.seed]).encode())
+        for array in (references.pixels, references.positions, self._observation.places.positions):
+            digest.update(np.ascontiguousarray(array).tobytes())
+        return digest.hexdigest()
+
+
+def _that_count(config: RunConfig) -> dict[str, Any]:
+    """The settings that a saved state depends on: not where it began, nor how many threads work."""
+    settings = config.model_dump(mode="json")
+    settings["localizer"].pop("initial")
+    settings["localizer"]["monte_carlo"].pop("threads")
+    return {name: settings[name] for name in ("observation", "localizer")}
+
+
+def _first_difference(saved: Any, now: Any, key: str = "") -> str:
+    """The first setting that differs, as ``key = saved, now this``; empty when none does."""
+    if isinstance(saved, dict) and isinstance(now, dict):
+        parts = (
+            _first_difference(saved.get(name), now.get(name), f"{key}.{name}" if key else name) for name in {**saved, **now}
+        )
+        return next((part for part in parts if part), "")
+    return "" if saved == now else f"{key or 'settings'} = {json.dumps(saved)}, now {json.dumps(now)}"
 
 
 def _start(initial: str | InitialPose, start_pose: tuple[float, float, float] | None) -> Start:

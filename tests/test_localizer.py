@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -6,7 +7,7 @@ from threadpoolctl import threadpool_limits
 
 from panoloc_mcl.config.model import InitialPose, LocalizerSettings, RunConfig
 from panoloc_mcl.datasets import Dataset, read_image
-from panoloc_mcl.errors import ConfigError
+from panoloc_mcl.errors import ConfigError, OutputError, StateError
 from panoloc_mcl.filters import Estimate, Status
 from panoloc_mcl.geometry import angle_difference
 from panoloc_mcl.localizer import Localizer
@@ -269,3 +270,165 @@ def test_one_model_serves_several_localizers(panorama_map: PanoramaMap, drive: D
     alone = drive.play(Localizer(panorama_map, config()))
     for estimates in shared:
         assert all(same(a, b) for a, b in zip(estimates, alone, strict=True))
+
+
+def test_a_late_image_counts_once(localizer: Localizer, drive: Drive) -> None:
+    for time, pose in drive.odometry:
+        localizer.add_odometry(time, pose)
+    for index in (0, 1, 3, 2):
+        assert localizer.add_image(drive.times[index], drive.images[index]).message == ""
+    before = localizer.add_image(math.nan, None)
+    for index in (2, 0, 1, 3):
+        again = localizer.add_image(drive.times[index], drive.images[index])
+        assert "came twice" in again.message
+        assert np.array_equal(again.pose, before.pose)
+    assert localizer.images_skipped == 5
+
+
+@pytest.mark.parametrize("ahead", [60.0, 1e9])
+def test_one_image_stamped_far_ahead_harms_nothing(ahead: float, localizer: Localizer, drive: Drive) -> None:
+    for time, pose in drive.odometry:
+        localizer.add_odometry(time, pose)
+    localizer.add_image(drive.times[0], drive.images[0])
+    wrong = localizer.add_image(drive.times[1] + ahead, drive.images[1])
+    assert "ahead" in wrong.message
+    assert wrong.timestamp == drive.times[0]
+    assert wrong.vote_field is None
+    for index in (2, 3, 4):
+        estimate = localizer.add_image(drive.times[index], drive.images[index])
+        assert estimate.message == ""
+        assert estimate.timestamp == drive.times[index]
+    assert localizer.images_skipped == 1
+
+
+@pytest.mark.parametrize("shift", [1e6, -1e6, 50.0])
+@pytest.mark.parametrize("odometry_follows", [True, False])
+def test_a_clock_that_jumps_is_followed_and_told(
+    shift: float, odometry_follows: bool, panorama_map: PanoramaMap, drive: Drive
+) -> None:
+    localizer = Localizer(panorama_map, config(initial="known_pose"), start_pose=drive.start)
+    messages, errors = [], []
+    for index, (time, image) in enumerate(zip(drive.times, drive.images, strict=True)):
+        jumped = shift if index >= 5 else 0.0
+        before = -math.inf if index == 0 else drive.times[index - 1]
+        for stamp, pose in drive.odometry:
+            if before < stamp <= time:
+                localizer.add_odometry(stamp + (jumped if odometry_follows else 0.0), pose)
+        estimate = localizer.add_image(time + jumped, image)
+        messages.append(estimate.message)
+        errors.append(np.hypot(*(estimate.pose[:2] - drive.truth[index][:2])))
+        assert np.isfinite(estimate.pose).all()
+    if odometry_follows:
+        assert "odometry: its clock jumped" in messages[5]
+    # Ahead of all that went before, an image is believed at once if odometry has come that far.
+    if odometry_follows and shift > 0.0:
+        assert localizer.images_skipped == 0
+    else:
+        assert "image skipped" in messages[5]
+        assert "image stamps jumped by" in messages[6]
+        assert localizer.images_skipped == 1
+    assert not any("image" in message for message in [*messages[:5], *messages[7:]])
+    assert estimate.timestamp == drive.times[-1] + shift
+    assert errors[-1] < 0.6
+
+
+def test_jumping_odometry_is_named_and_the_filter_goes_on(panorama_map: PanoramaMap, drive: Drive) -> None:
+    limited = config(initial="known_pose", motion={"max_speed_m_s": 2.0, "max_turn_rate_deg_s": 180.0})
+    localizer = Localizer(panorama_map, limited, start_pose=drive.start)
+    for index, (time, pose) in enumerate(drive.odometry):
+        localizer.add_odometry(time, pose + np.array([30.0, 0.0, 0.0]) if index == 3 else pose)
+    messages = [localizer.add_image(time, image).message for time, image in zip(drive.times, drive.images, strict=True)]
+    assert "1 odometry measurement left out (a jump beyond what the robot can do)" in messages[0]
+    assert not any(messages[1:])
+
+
+def files_of(folder) -> list[str]:
+    return sorted(file.name for file in folder.iterdir())
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("cut", [0, 1, 6])
+def test_resumed_from_a_saved_state_it_ends_to_the_bit_where_an_uninterrupted_run_does(
+    mode: str, cut: int, panorama_map: PanoramaMap, drive: Drive, tmp_path
+) -> None:
+    # Late images, bad odometry and an image without a time among the rest, so that all that is remembered counts.
+    events: list[tuple] = [("odometry", time, pose) for time, pose in drive.odometry]
+    events += [("image", time + 0.05 + (0.8 if index == 4 else 0.0), index) for index, time in enumerate(drive.times)]
+    events.sort(key=lambda event: event[1])
+    chosen = config(mode, initial="known_pose", monte_carlo={"particles": 300})
+
+    def play(localizer: Localizer, part: list[tuple]) -> list[Estimate]:
+        answers = []
+        for kind, time, what in part:
+            if kind == "odometry":
+                localizer.add_odometry(time, what)
+                localizer.add_odometry(math.nan, what)
+            else:
+                answers.append(localizer.add_image(drive.times[what], drive.images[what]))
+        return answers
+
+    pieces = [index for index, event in enumerate(events) if event[0] == "image"]
+    split = pieces[cut] + 2
+    whole = Localizer(panorama_map, chosen, start_pose=drive.start)
+    expected = play(whole, events)
+    first = Localizer(panorama_map, chosen, start_pose=drive.start)
+    play(first, events[:split])
+    first.save_state(tmp_path / "state.npz")
+    assert files_of(tmp_path) == ["state.npz"]
+    # Another start and seed: neither counts any more.
+    second = Localizer(panorama_map, config(mode, monte_carlo={"particles": 300, "threads": 2}), seed=99)
+    second.load_state(tmp_path / "state.npz")
+    asked, told = second.add_image(math.nan, None), first.add_image(math.nan, None)
+    assert np.array_equal(asked.pose, told.pose)
+    assert asked.message == told.message
+    assert np.array_equal(asked.best_place_votes, told.best_place_votes, equal_nan=True)
+    rest = play(second, events[split:])
+    assert len(rest) == len(expected) - cut - 1
+    for one, other in zip(rest, expected[cut + 1 :], strict=True):
+        assert same(one, other)
+        assert one.message == other.message or "not finite" in one.message
+        assert one.timestamp == other.timestamp
+
+
+def test_a_state_that_does_not_fit_is_one_line_and_changes_nothing(panorama_map: PanoramaMap, drive: Drive, tmp_path) -> None:
+    few = {"particles": 100}
+    localizer = Localizer(panorama_map, config(monte_carlo=few))
+    drive.play(localizer)
+    good = tmp_path / "good.npz"
+    localizer.save_state(good)
+    content = good.read_bytes()
+    for name, damaged in {
+        "short": content[: len(content) // 2],
+        "flipped": content[:3000] + bytes([content[3000] ^ 255]) + content[3001:],
+        "text": b"hello",
+        "empty": b"",
+    }.items():
+        (tmp_path / name).write_bytes(damaged)
+    np.savez(tmp_path / "other.npz", header=np.frombuffer(b'{"format": "something/1"}', dtype=np.uint8))
+    before = localizer.add_image(math.nan, None)
+    for name, words in {
+        "short": "not a saved state",
+        "flipped": "not a saved state",
+        "text": "not a saved state",
+        "empty": "not a saved state",
+        "other.npz": "something/1",
+        "none": "no such file",
+    }.items():
+        with pytest.raises(StateError, match=words) as caught:
+            localizer.load_state(tmp_path / name)
+        assert len(caught.value.faults) == 1
+        assert str(tmp_path / name) in str(caught.value)
+    assert np.array_equal(localizer.add_image(math.nan, None).pose, before.pose)
+    other = Localizer(panorama_map, config(monte_carlo={"particles": 101}))
+    with pytest.raises(StateError, match=r"localizer\.monte_carlo\.particles = 100, now 101"):
+        other.load_state(good)
+    with pytest.raises(OutputError):
+        localizer.save_state(tmp_path / "text" / "state.npz")
+
+
+def test_a_state_of_another_map_is_refused(panorama_map: PanoramaMap, drive: Drive, tmp_path) -> None:
+    localizer = Localizer(panorama_map, config(monte_carlo={"particles": 100}))
+    localizer.save_state(tmp_path / "state.npz")
+    elsewhere = Localizer(replace(panorama_map, name="elsewhere"), config(monte_carlo={"particles": 100}))
+    with pytest.raises(StateError, match="another map than 'elsewhere'"):
+        elsewhere.load_state(tmp_path / "state.npz")

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,3 +56,9 @@ class PoseFilter(Protocol):
 
     def state(self) -> FilterState:
         """The belief now."""
+
+    def snapshot(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+        """All that the next step depends on, its random numbers included: arrays, and a header of plain values."""
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) -> None:
+        """Take over what `snapshot` gave; KeyError or ValueError, and nothing changed, if that does not fit."""

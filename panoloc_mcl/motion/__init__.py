@@ -1,6 +1,6 @@
 """Odometry: a buffer that answers for any time, and the noise of the way between two times."""
 
-from panoloc_mcl.motion.models import Motion
+from panoloc_mcl.motion.models import Motion, blind
 from panoloc_mcl.motion.odometry import OdometryBuffer
 
-__all__ = ["Motion", "OdometryBuffer"]
+__all__ = ["Motion", "OdometryBuffer", "blind"]

@@ -153,7 +153,8 @@ class OdometryBuffer:
         """The motion between two times, forwards or backwards, with the noise of the robot's motion model.
 
         Where no odometry is known (none at all, or older than can be carried on), the robot may have gone anywhere its speed
-        allows, and the standard deviations say so. Before the first measurement the robot is taken to stand.
+        allows, and the standard deviations say so. Shortly before the first measurement the robot is taken to stand; longer before
+        it, odometry is of another clock.
         """
         if end < start:
             return self.motion(end, start).reversed()
@@ -166,7 +167,8 @@ class OdometryBuffer:
         distance = float(np.hypot(steps[:, 0], steps[:, 1]).sum())
         turn = float(np.abs(angle_difference(waypoints[1:, 2], waypoints[:-1, 2])).sum())
         known = NOISE_MODELS[s.model](taken_apart(between(waypoints[0], waypoints[-1]), distance, turn), s)
-        return replace(blind(known, end - max(start, known_until), s), duration_s=end - start)
+        unknown = max(0.0, end - max(start, known_until)) + max(0.0, min(end, self.oldest - s.clock_jump_s) - start)
+        return replace(blind(known, unknown, s), duration_s=end - start)
 
     def _reach(self) -> float:
         """Seconds that odometry is carried on beyond its last pose: not beyond the time that its speed is known for."""

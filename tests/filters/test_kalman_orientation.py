@@ -30,8 +30,9 @@ def measured(heading: float, place: int = 4, votes: float = 0.8) -> VoteField:
     return VoteField(table, wrap_angle(np.array([heading - 0.3, heading, heading + 0.3])), PLACES, 0.1, full_circle=False)
 
 
-def turned(turn: float, sd: float = 0.0) -> Motion:
-    return Motion(np.array([0.0, 0.0, turn]), 0.0, sd, 0.0, abs(turn), 0.0)
+def turned(turn: float, sd: float = 0.0, seconds: float = 0.1) -> Motion:
+    increment = np.array([0.0, 0.0, turn])
+    return Motion(increment, last_turn=turn, sd_last_turn=sd, turn=abs(turn), duration_s=seconds)
 
 
 @settings(max_examples=60, deadline=None)
@@ -97,7 +98,7 @@ def test_a_certain_filter_still_looks_around_a_little() -> None:
 
 def test_a_late_image_measures_the_heading_it_saw() -> None:
     # Since the image the robot has turned by 0.6: at the image's time the belief looked 0.6 less far left.
-    since = turned(-0.6)
+    since = turned(-0.6, seconds=-0.3)
     belief = a_filter(1.0, 0.2, headings=500)
     drawn = belief.heading_hypotheses(since)
     assert abs(float(angle_difference(drawn, 0.4).mean())) < 6.0 * 0.2 / math.sqrt(500)
@@ -150,3 +151,104 @@ def test_a_start_position_names_the_first_place() -> None:
     start = Start((1.9, 0.9), 0.0)
     belief = KalmanOrientationFilter(PLACES, start, KalmanSettings(), StatusSettings(), np.random.default_rng(0))
     assert belief.state().best_place == 5
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.floats(-math.pi, math.pi),
+    st.lists(st.tuples(st.floats(-1.5, 1.5), st.floats(0.0, 0.3), st.floats(-0.5, 0.5)), min_size=2, max_size=8),
+    st.data(),
+)
+def test_in_whatever_order_images_come_the_belief_ends_the_same(heading: float, frames: list, data: st.DataObject) -> None:
+    """Every image is fused at its own time: one that was held back ends where one in order does."""
+    held = data.draw(st.integers(0, len(frames) - 2))
+    seen, truth = [], heading
+    for turn, _, error in frames:
+        truth += turn
+        seen.append(measured(truth + error))
+    ordered, late = a_filter(heading), a_filter(heading)
+    for index, ((turn, sd, _), field) in enumerate(zip(frames, seen, strict=True)):
+        for belief in (ordered, late):
+            belief.propagate(turned(turn, sd))
+        ordered.update(field)
+        if index != held:
+            late.update(field)
+    back = frames[held + 1 :]
+    sd = math.sqrt(sum(sd**2 for _, sd, _ in back))
+    late.update(seen[held], turned(-sum(turn for turn, _, _ in back), sd, seconds=-0.1 * len(back)))
+    assert late.sd_heading == pytest.approx(ordered.sd_heading)
+    assert abs(float(angle_difference(late.heading, ordered.heading))) < 1e-6 or _near_the_back(frames)
+
+
+def _near_the_back(frames: list) -> bool:
+    """Whether residuals may have come so near to half a turn that either side of it could be the shorter way."""
+    return sum(abs(error) for _, _, error in frames) > 2.0
+
+
+def test_an_image_from_between_two_others_is_fused_between_them() -> None:
+    # Three steps of 0.2 rad and 0.1 s; the image is from the middle of the second.
+    late, ordered = a_filter(0.0), a_filter(0.0)
+    for _ in range(3):
+        late.propagate(turned(0.2, 0.1))
+    late.update(measured(0.35), turned(-0.3, 0.1 * math.sqrt(1.5), seconds=-0.15))
+    half = 0.1 * math.sqrt(0.5)
+    for step in (turned(0.2, 0.1), turned(0.1, half, 0.05)):
+        ordered.propagate(step)
+    ordered.update(measured(0.35))
+    for step in (turned(0.1, half, 0.05), turned(0.2, 0.1)):
+        ordered.propagate(step)
+    assert (late.heading, late.sd_heading) == pytest.approx((ordered.heading, ordered.sd_heading))
+
+
+def test_the_noise_of_the_way_since_a_late_image_counts() -> None:
+    def after(sd: float) -> float:
+        belief = a_filter(0.0, 0.5)
+        belief.update(measured(0.0), turned(-0.4, sd, seconds=-1.0))
+        return belief.sd_heading
+
+    assert after(0.0) < after(0.2) < after(2.0) < 0.5
+
+
+def test_headings_for_a_late_image_are_drawn_from_what_was_believed_then() -> None:
+    belief = a_filter(0.3, 0.05, headings=1000)
+    for _ in range(4):
+        belief.propagate(turned(0.5, 0.3))
+    drawn = belief.heading_hypotheses(turned(-1.5, 0.3 * math.sqrt(3.0), seconds=-0.3))
+    off = angle_difference(drawn, 0.8)
+    assert abs(off.mean()) < 6.0 * 0.31 / math.sqrt(1000)
+    assert off.std() == pytest.approx(math.hypot(0.05, 0.3), rel=6.0 / math.sqrt(2000))
+
+
+def test_a_late_image_does_not_take_the_robot_back_to_where_it_was() -> None:
+    belief = a_filter()
+    belief.propagate(turned(0.1))
+    belief.update(measured(0.1, place=5))
+    belief.update(measured(0.0, place=2), turned(-0.1, seconds=-0.1))
+    assert belief.state().best_place == 5
+
+
+def test_memory_of_steps_is_bounded_and_forgets_nothing_that_counts() -> None:
+    belief = a_filter(0.0, 0.1)
+    for _ in range(3000):
+        belief.propagate(turned(0.01, 0.001))
+    assert len(belief._steps) <= 1000
+    assert belief.sd_heading == pytest.approx(math.sqrt(0.01 + 3000 * 1e-6))
+    before = belief.heading
+    belief.update(measured(before - 0.01), turned(-0.01, 0.001, seconds=-0.1))
+    assert abs(float(angle_difference(belief.heading, before))) < 1e-9
+
+
+def test_restored_it_goes_on_as_if_nothing_had_happened() -> None:
+    one, other = a_filter(0.3, headings=7, seed=3), a_filter(1.0, headings=7, seed=4)
+    for belief in (one,):
+        for step in range(5):
+            belief.propagate(turned(0.2, 0.05))
+            belief.heading_hypotheses(None)
+            belief.update(measured(0.3 + 0.2 * step))
+    other.restore(*one.snapshot())
+    for belief in (one, other):
+        belief.propagate(turned(0.2, 0.05))
+        belief.update(measured(1.2), turned(-0.3, 0.06, seconds=-0.15))
+    assert np.array_equal(one.heading_hypotheses(None), other.heading_hypotheses(None))
+    assert (one.heading, one.sd_heading) == (other.heading, other.sd_heading)
+    assert np.array_equal(one.state().clusters[0].pose, other.state().clusters[0].pose)

@@ -190,6 +190,12 @@ def test_before_the_first_pose_the_robot_stands() -> None:
     assert motion.blind_s == 0.0
 
 
+def test_long_before_the_first_pose_nothing_is_known() -> None:
+    buffer = steady(1.0, 0.5, 3.0)
+    assert buffer.motion(-1001.0, -1000.0).blind_s == pytest.approx(1.0)
+    assert buffer.motion(-20.0, 1.0).blind_s == pytest.approx(20.0 - SETTINGS.clock_jump_s)
+
+
 def test_one_pose_alone_tells_nothing_of_what_follows() -> None:
     buffer = buffer_of([1.0], np.array([[3.0, 4.0, 1.0]]))
     assert buffer.motion(0.5, 1.0).stands
