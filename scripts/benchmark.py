@@ -24,6 +24,7 @@ from pathlib import Path
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 
+import benchmark_voting  # noqa: E402
 import cv2  # noqa: E402
 import numpy as np  # noqa: E402
 
@@ -170,11 +171,15 @@ def main() -> None:
     parser.add_argument(
         "--costs", action="store_true", help="only: cost against the number of places and headings, with a plot"
     )
+    parser.add_argument("--voting", action="store_true", help="only: the paper's voting against plain NumPy")
     parser.add_argument("--out", type=Path, default=Path("results"), help="folder of the plot")
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
     path = Path(resolve_dataset(arguments.dataset))
     print(f"{os.cpu_count()} cores, {arguments.repeats} repeats, medians, one thread")
+    if arguments.voting:
+        benchmark_voting.voting(read_dataset(path), arguments.repeats, interleaved)
+        return
     if arguments.build or arguments.costs:
         # Only here, as these sections import this module.
         import benchmark_maps
@@ -185,6 +190,7 @@ def main() -> None:
             benchmark_maps.costs(read_dataset(path), arguments.out)
         return
     speed(read_dataset(path), arguments.repeats)
+    benchmark_voting.voting(read_dataset(path), arguments.repeats, interleaved)
     startup(arguments.repeats)
     whole_run(str(path))
     print(f"\nPeak memory of this benchmark: {peak_memory_mb():.0f} MB")

@@ -145,7 +145,14 @@ class PaperModel:
         pixels = panorama.pixels
         if float(pixels.max()) - float(pixels.min()) < 1.0:
             return silent_field(asked, self.places, "image has no texture", full_circle)
-        votes = vote(
+        votes = vote(*self.kernel_arguments(pixels, asked))
+        return VoteField(
+            votes.astype(np.float32), asked, self.places, self.settings.tolerance * max(float(votes.max()), 1e-6), full_circle
+        )
+
+    def kernel_arguments(self, pixels: NDArray[np.float32], headings: NDArray[np.float64]) -> tuple[Any, ...]:
+        """What the kernel `vote` takes for an image (rows, columns) and headings (s,) in radians; apart, so that it can be timed."""
+        return (
             _filtered(pixels, self.settings),
             self._rows,
             self._columns,
@@ -154,13 +161,10 @@ class PaperModel:
             self._back,
             self._mean_responses,
             self._references,
-            asked * self._image_columns / (2.0 * np.pi),
+            headings * self._image_columns / (2.0 * np.pi),
             self.settings.trim_keep,
             self.settings.trim_to,
             self.settings.vote_width,
-        )
-        return VoteField(
-            votes.astype(np.float32), asked, self.places, self.settings.tolerance * max(float(votes.max()), 1e-6), full_circle
         )
 
 
