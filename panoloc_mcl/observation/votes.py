@@ -27,7 +27,7 @@ from panoloc_mcl.observation.overlap import OverlapNorms, block_energy, block_us
 from panoloc_mcl.observation.places import Places
 from panoloc_mcl.progress import Progress, no_progress
 from panoloc_mcl.references import ReferencePanoramas
-from panoloc_mcl.synthesis import PoseRefiner, ViewSynthesizer, sweep_profiles, synthetic_features, virtual_positions
+from panoloc_mcl.synthesis import PoseRefiner, ViewSynthesizer, check_poses, places_of, sweep_profiles, synthetic_features
 
 Float32 = NDArray[np.float32]
 Complex64 = NDArray[np.complex64]
@@ -151,7 +151,8 @@ class VotesModel:
         """Take up the arrays of a map file."""
         synthesizer = None
         if "profiles" in arrays and references.camera_height_m is not None:
-            synthesizer = ViewSynthesizer(references, arrays["profiles"].astype(np.float64), references.camera_height_m)
+            profiles, alone = arrays["profiles"].astype(np.float64), arrays["alone"].astype(np.bool_)
+            synthesizer = ViewSynthesizer(references, profiles, references.camera_height_m, alone)
         return cls(
             _places(references, settings, synthesizer),
             settings,
@@ -175,6 +176,7 @@ class VotesModel:
         }
         if self._synthesizer is not None:
             kept["profiles"] = self._synthesizer.profiles.astype(np.float32)
+            kept["alone"] = self._synthesizer.alone.astype(np.uint8)
         return kept
 
     def observe(self, panorama: Panorama, headings: NDArray[np.float64] | None = None) -> VoteField:
@@ -256,14 +258,19 @@ def _synthesizer(
     profiles = sweep_profiles(references, height, settings, progress, _threads(settings))
     # As the map file keeps them, so that a map that was loaded gives the same votes to the last bit.
     profiles = profiles.astype(np.float32).astype(np.float64)
-    return ViewSynthesizer(references, profiles, height), ()
+    every = ViewSynthesizer(references, profiles, height)
+    check = check_poses(every, Places(references.positions).spacing, settings, progress, _threads(settings))
+    if check.faults:
+        raise MapError(check.faults)
+    notes = check.notes(references.names)
+    return (ViewSynthesizer(references, profiles, height, check.alone) if check.helps else None), notes
 
 
 def _places(references: ReferencePanoramas, settings: VotesSettings, synthesizer: ViewSynthesizer | None) -> Places:
     given = Places(references.positions)
     if synthesizer is None:
         return given
-    return Places(virtual_positions(given.positions, given.spacing, settings.virtual_places), references.positions)
+    return Places(places_of(synthesizer, given.spacing, settings.virtual_places), references.positions)
 
 
 def vote_of_cosine(cosines: Float32, width: float) -> Float32:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from panoloc_mcl.camera import Panorama, PanoramaGeometry
 from panoloc_mcl.eigenspace.gradients import pad_circular
@@ -16,9 +17,11 @@ from panoloc_mcl.references import ReferencePanoramas
 
 Float64 = NDArray[np.float64]
 Float32 = NDArray[np.float32]
+Bool = NDArray[np.bool_]
 
 # cv2.remap interpolates between neighbouring columns only.
 MARGIN = 4
+_KEPT_IMAGES = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,17 +63,37 @@ class ViewSynthesizer:
     profiles : float64 (n, columns)
         Distance of the wall around every reference, metres (see `sweep_profiles`).
     camera_height_m : float
+    alone : bool (n,), optional
+        References that no neighbour fits: views elsewhere are not made from them. None by default.
     """
 
-    def __init__(self, references: ReferencePanoramas, profiles: Float64, camera_height_m: float) -> None:
+    def __init__(
+        self, references: ReferencePanoramas, profiles: Float64, camera_height_m: float, alone: Bool | None = None
+    ) -> None:
         self.references = references
         self.profiles = profiles
+        self.camera_height_m = camera_height_m
+        self.alone = np.zeros(len(references), dtype=np.bool_) if alone is None else alone
         self.rays = FloorRays.of(references.geometry, camera_height_m)
+        # Of a large map only those at hand; whoever goes from place to place needs the same ones again.
+        self._padded = lru_cache(maxsize=_KEPT_IMAGES)(self._make_padded)
 
     @cached_property
-    def _padded(self) -> Float32:
-        """References as float32, continued across the seam: (n, rows, columns + 2 margins)."""
-        return np.stack([pad_circular(image.astype(np.float32), MARGIN) for image in self.references.pixels])
+    def _sources(self) -> NDArray[np.int64]:
+        return np.flatnonzero(~self.alone)
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(self.references.positions[self._sources])
+
+    def sources_around(self, position: Float64, count: int) -> tuple[Float64, NDArray[np.int64]]:
+        """Distances and indices of the nearest references that views can be made from."""
+        distances, found = self._tree.query(position, k=min(count, len(self._sources)))
+        return np.atleast_1d(distances), self._sources[np.atleast_1d(found)]
+
+    def _make_padded(self, source: int) -> Float32:
+        """A reference as float32, continued across the seam: (rows, columns + 2 margins)."""
+        return pad_circular(self.references.pixels[source].astype(np.float32), MARGIN)
 
     def of(self, indices: NDArray[np.int64]) -> ViewSynthesizer:
         """A synthesiser that has some of the references only."""
@@ -81,9 +104,7 @@ class ViewSynthesizer:
             positions=references.positions[indices],
             names=tuple(references.names[index] for index in indices),
         )
-        some = ViewSynthesizer(chosen, self.profiles[indices], 1.0)
-        some.rays = self.rays
-        return some
+        return ViewSynthesizer(chosen, self.profiles[indices], self.camera_height_m, self.alone[indices])
 
     def profile_at(self, source: int, position: Float64) -> Float64:
         """Wall profile of a reference as seen from another position, float64 (columns,), metres."""
@@ -125,7 +146,7 @@ class ViewSynthesizer:
     def view(self, source: int, position: Float64, profile: Float64) -> Panorama:
         """The image of a reference as seen from another position, heading 0 (parameters as in `table`)."""
         map_x, map_y = self.table(source, position, profile)
-        pixels = cv2.remap(self._padded[source], map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        pixels = cv2.remap(self._padded(source), map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         rows = pixels.shape[0]
         seen = (map_y > -0.5) & (map_y < rows - 0.5)
         if self.references.valid is not None:

@@ -20,6 +20,7 @@ _LARGEST_SPACING_M, _SMALLEST_SPACING_M = 0.25, 0.15
 _REACH_IN_SPACINGS = 0.75
 # Images of two sources are weighted by 1 / (distance + this).
 _NEAR_M = 0.05
+_SAME_PLACE_M = 1e-6
 
 
 def virtual_positions(references: Float64, reference_spacing: float, settings: VirtualPlacesSettings) -> Float64:
@@ -52,6 +53,30 @@ def virtual_positions(references: Float64, reference_spacing: float, settings: V
     return np.asarray(grid[cKDTree(references).query(grid)[0] <= reach + 1e-9])
 
 
+def places_of(synthesizer: ViewSynthesizer, reference_spacing: float, settings: VirtualPlacesSettings) -> Float64:
+    """Virtual places around the references that views can be made from, and after them the references that stand alone.
+
+    Parameters
+    ----------
+    synthesizer : ViewSynthesizer
+    reference_spacing : float
+        Distance between neighbouring references, metres.
+    settings : VirtualPlacesSettings
+
+    Returns
+    -------
+    float64 (k, 2)
+        Metres.
+    """
+    positions, alone = synthesizer.references.positions, synthesizer.alone
+    places = virtual_positions(positions[~alone], reference_spacing, settings)
+    if not alone.any():
+        return places
+    by_themselves = np.unique(positions[alone], axis=0)
+    places = places[cKDTree(by_themselves).query(places)[0] > _SAME_PLACE_M]
+    return np.concatenate([places, by_themselves])
+
+
 def synthetic_features(synthesizer: ViewSynthesizer, position: Float64, settings: VotesSettings) -> tuple[Complex64, Bool]:
     """Features of the view at a place, from the nearest references, the nearer the more.
 
@@ -62,14 +87,13 @@ def synthetic_features(synthesizer: ViewSynthesizer, position: Float64, settings
         Where at least one source shows something.
     """
     references = synthesizer.references
-    sources = min(settings.virtual_places.sources, len(references))
-    distances, indices = (np.atleast_1d(part) for part in cKDTree(references.positions).query(position, k=sources))
+    here = np.flatnonzero(np.hypot(*(references.positions - position).T) < _SAME_PLACE_M)
+    if len(here):
+        return orientations(references.panorama(int(here[0])), settings)
     rows, columns = references.geometry.shape
     total = np.zeros((rows, columns), dtype=np.complex64)
     weights = np.zeros((rows, columns), dtype=np.float32)
-    for distance, source in zip(distances, indices, strict=True):
-        if distance < 1e-6:
-            return orientations(references.panorama(int(source)), settings)
+    for distance, source in zip(*synthesizer.sources_around(position, settings.virtual_places.sources), strict=True):
         view = synthesizer.view(int(source), position, synthesizer.profile_at(int(source), position))
         z, usable = orientations(view, settings)
         weight = np.float32(1.0 / (distance + _NEAR_M))
