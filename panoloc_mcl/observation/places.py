@@ -14,6 +14,7 @@ Float64 = NDArray[np.float64]
 _NEIGHBOURS = 4
 _CELLS_PER_SPACING = 20
 _MAX_CELLS = 4_000_000
+_CELLS_AT_ONCE = 100_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +89,19 @@ class Places:
         columns, rows = (int(n) for n in np.maximum(np.ceil((high - low) / cell), 1))
         x = low[0] + (np.arange(columns) + 0.5) * cell
         y = low[1] + (np.arange(rows) + 0.5) * cell
-        centres = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        used = min(_NEIGHBOURS, len(self))
+        neighbours = np.empty((rows * columns, used), dtype=np.int32)
+        weights = np.empty((rows * columns, used), dtype=np.float32)
+        # Row by row of cells: the search needs ten times the memory of its result.
+        together = max(1, _CELLS_AT_ONCE // columns)
+        for first in range(0, rows, together):
+            centres = np.stack(np.meshgrid(x, y[first : first + together]), axis=-1).reshape(-1, 2)
+            part = slice(first * columns, first * columns + len(centres))
+            neighbours[part], weights[part] = self._around(centres)
+        return PlaceRaster((float(low[0]), float(low[1])), cell, (rows, columns), neighbours, weights)
+
+    def _around(self, centres: Float64) -> tuple[NDArray[np.int64], Float64]:
+        """Nearest places of points (m, 2) and their weights, (m, neighbours) each."""
         wanted = min(_NEIGHBOURS + 1, len(self))
         found = self._tree.query(centres, k=wanted)
         distances, indices = (np.asarray(part).reshape(len(centres), wanted) for part in found)
@@ -101,13 +114,7 @@ class Places:
         # Neighbours all exactly as far as the first unused one: equal weights.
         weights = np.where(totals > 0.0, weights / np.where(totals > 0.0, totals, 1.0), 1.0 / used)
         weights[distances[:, 0] > self.reach] = 0.0
-        return PlaceRaster(
-            origin=(float(low[0]), float(low[1])),
-            cell=cell,
-            shape=(rows, columns),
-            neighbours=np.ascontiguousarray(indices[:, :used], dtype=np.int32),
-            weights=np.ascontiguousarray(weights, dtype=np.float32),
-        )
+        return indices[:, :used], weights
 
     def sample_uniform(self, count: int, rng: np.random.Generator) -> Float64:
         """Positions drawn uniformly over the map, float64 (count, 2), metres."""
