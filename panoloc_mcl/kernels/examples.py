@@ -39,16 +39,14 @@ def _solve_positive() -> tuple[Any, ...]:
     return np.eye(3, dtype=np.float32), 1e-5
 
 
-def _equations() -> Any:
-    """One hypothesis, six pixels, two filters, two eigenimages, and the column for what is observed."""
-    equations = np.zeros((1, 12, 3), dtype=np.float32)
-    equations[0, 0, 0] = equations[0, 7, 1] = 1.0
-    return equations
+def _equations() -> tuple[Any, Any]:
+    """One hypothesis, six pixels, two filters, two eigenimages, and what is observed: transposed, and pixel by pixel."""
+    return np.zeros((1, 3, 12), dtype=np.float32), np.zeros((1, 6, 6), dtype=np.float32)
 
 
 def _trimmed_coefficients() -> tuple[Any, ...]:
-    design = _equations()[0]
-    return design, np.ascontiguousarray(design.T), np.zeros((1, 12), dtype=np.float32), 6, 0.8, 4
+    transposed, by_pixel = _equations()
+    return transposed[0], by_pixel[0], np.zeros((1, 12), dtype=np.float32), 0.8, 4
 
 
 def _numbers(count: int = 4) -> Any:
@@ -70,10 +68,8 @@ def _matrix() -> Any:
 def _vote() -> tuple[Any, ...]:
     responses = np.ones((2, 4, 8), dtype=np.float32)
     pixels = np.zeros((1, 6), dtype=np.int32)
-    design = _equations()
-    transposed, back = np.ascontiguousarray(np.swapaxes(design, 1, 2)), np.ones((1, 3, 2), dtype=np.float32)
-    mean, references = np.zeros((1, 12), dtype=np.float32), np.eye(2)
-    return responses, pixels, pixels, design, transposed, back, mean, references, np.zeros(1), 0.8, 4, 0.3
+    back, mean = np.ones((1, 3, 2), dtype=np.float32), np.zeros((1, 12), dtype=np.float32)
+    return responses, pixels, pixels, *_equations(), back, mean, np.eye(2), np.zeros(1), 0.8, 4, 0.3
 
 
 def _normalised_gradients() -> tuple[Any, ...]:
@@ -122,12 +118,12 @@ EXAMPLES: dict[str, Callable[[], tuple[Any, ...]]] = {
     "voting.add": lambda: (_matrix(), _matrix(), -1),
     "voting.add_squares": lambda: (_numbers(), _numbers(), _numbers()),
     "voting.count_up_to": lambda: (_integers(), np.int32(2)),
-    "voting.leave_out": lambda: (_integers(), 2, 0, _flags(), _integers(5)),
+    "voting.leave_out": lambda: (_integers(), 2, 0, _integers(5)),
     "voting.limit_of_smallest": lambda: (_integers(), 2, 1 << 29),
     "voting.read": lambda: (_numbers(8), np.arange(4, dtype=np.uint32), np.uint32(1), np.float32(0.5), _numbers(), _numbers()),
     "voting.remaining": lambda: (_flags(), _integers(5)),
     "voting.solve_positive": _solve_positive,
-    "voting.take_rows": lambda: (_matrix(), _numbers(), _integers(2), _matrix()),
+    "voting.take_rows": lambda: (_matrix(), _numbers(8), _integers(2), _matrix()),
     "voting.trimmed_coefficients": _trimmed_coefficients,
     "voting.vote": _vote,
     "warping.arctan2": lambda: (0.5, -0.5),

@@ -25,6 +25,7 @@ UInt8 = NDArray[np.uint8]
 
 # Headings that go through one matrix product: more gain little, and their filter responses leave the cache.
 _TOGETHER = 8
+_INFINITY = 0x7F800000
 
 
 @kernel
@@ -135,38 +136,42 @@ def count_up_to(bits: Int32, limit: np.int32) -> int:
 
 
 @kernel
-def leave_out(bits: Int32, limit: int, ties: int, gone: UInt8, rows: Int32) -> int:
-    """Mark all but the smallest as gone.
+def leave_out(bits: Int32, limit: int, ties: int, rows: Int32) -> int:
+    """List all but the smallest.
 
     Parameters
     ----------
     bits : int32 (n,)
+        Bits of float32 numbers; infinity stands for what was left out before and is not listed again.
     limit, ties : int
         See `limit_of_smallest`.
-    gone : uint8 (n,)
-        1 = gone; changed in place.
     rows : int32 (n + 1,)
-        Takes the indices of those newly gone, in order.
+        Takes their indices, in order.
 
     Returns
     -------
     int
-        How many are newly gone.
+        How many.
     """
     count = 0
+    if ties == 0:
+        for i in range(bits.shape[0]):
+            # Written always and counted sometimes: a branch that nobody can predict costs more.
+            rows[count] = i
+            count += (bits[i] > limit) & (bits[i] < _INFINITY)
+        return count
     for i in range(bits.shape[0]):
-        tied = (bits[i] == limit + 1) & (ties > 0)
-        ties -= tied
-        leaves = np.uint8((bits[i] > limit) & (not tied))
-        rows[count] = i
-        count += leaves & (gone[i] ^ np.uint8(1))
-        gone[i] |= leaves
+        if bits[i] == limit + 1 and ties > 0:
+            ties -= 1
+        elif limit < bits[i] < _INFINITY:
+            rows[count] = i
+            count += 1
     return count
 
 
 @kernel
 def remaining(gone: UInt8, rows: Int32) -> int:
-    """List those not gone in ``rows`` as `leave_out` does, and return how many."""
+    """List where ``gone`` (n,) is 0 in ``rows`` (n + 1,), and return how many."""
     count = 0
     for i in range(gone.shape[0]):
         rows[count] = i
@@ -175,14 +180,33 @@ def remaining(gone: UInt8, rows: Int32) -> int:
 
 
 @kernel
-def take_rows(design: Real, observed: Real, rows: Int32, out: Real) -> Real:
-    """Copy rows of the design (n, q) to ``out`` and return it, with what was observed (n,) in their last column."""
-    q = design.shape[1]
-    for c in range(rows.shape[0]):
-        row = rows[c]
-        for j in range(q):
-            out[c, j] = design[row, j]
-        out[c, q - 1] = observed[row]
+def take_rows(by_pixel: Real, observed: Real, chosen: Int32, out: Real) -> Real:
+    """Equations of some pixels, with what was observed in their last column.
+
+    Parameters
+    ----------
+    by_pixel : float32 or float64 (n, t q)
+        The t equations of q numbers of every pixel.
+    observed : same dtype (t n,)
+        Filter by filter.
+    chosen : int32 (k,)
+    out : same dtype (k, t q)
+
+    Returns
+    -------
+    same dtype (k, t q)
+        ``out``.
+    """
+    n, width = by_pixel.shape
+    t = observed.shape[0] // n
+    q = width // t
+    for c in range(chosen.shape[0]):
+        pixel = chosen[c]
+        for j in range(width):
+            out[c, j] = by_pixel[pixel, j]
+    for f in range(t):
+        for c in range(chosen.shape[0]):
+            out[c, f * q + q - 1] = observed[f * n + chosen[c]]
     return out
 
 
@@ -205,21 +229,19 @@ def add(target: Real, values: Real, sign: int) -> Real:
 
 
 @kernel
-def trimmed_coefficients(design: Real, transposed: Real, observed: Real, pixels: int, keep: float, trim_to: int) -> Real:
+def trimmed_coefficients(transposed: Real, by_pixel: Real, observed: Real, keep: float, trim_to: int) -> Real:
     """Coefficients of one hypothesis by least squares with trimming of whole pixels (Leonardis & Bischof 2000).
 
     Solve, keep the pixels with the smallest residuals, and repeat down to ``trim_to`` pixels. Every heading trims its own pixels.
 
     Parameters
     ----------
-    design : float32 or float64 (t n, p + 1)
-        Whitened equations of t filters at n pixels, filter by filter: the first p columns orthonormal (or 0), the last one 0.
-    transposed : same dtype (p + 1, t n)
-        The same, the other way round in memory: each product is fast in one of them.
+    transposed : float32 or float64 (p + 1, t n)
+        Whitened equations of t filters at n pixels, filter by filter: p rows orthonormal (or 0), the last one 0.
+    by_pixel : same dtype (n, t (p + 1))
+        The same, pixel by pixel, from where those of single pixels are copied.
     observed : same dtype (s, t n)
         The same filters' responses on the image at s headings, mean removed.
-    pixels : int
-        n.
     keep : float
         Share of the pixels that survives a step, in (0, 1).
     trim_to : int
@@ -231,28 +253,29 @@ def trimmed_coefficients(design: Real, transposed: Real, observed: Real, pixels:
         Coefficients of the whitened equations; the last one is 0.
     """
     headings = observed.shape[0]
-    q = design.shape[1]
+    q = transposed.shape[0]
     p = q - 1
-    t = design.shape[0] // pixels
-    coefficients: Real = np.dot(observed, design)
+    pixels = by_pixel.shape[0]
+    t = observed.shape[1] // pixels
+    coefficients: Real = np.ascontiguousarray(np.dot(transposed, observed.T).T)
     target = max(trim_to, (p + t - 1) // t)
     if pixels <= target:
         return coefficients
     # Normal equations, right side as last row and column.
-    systems = np.zeros((headings, q, q), dtype=design.dtype)
+    systems = np.zeros((headings, q, q), dtype=observed.dtype)
     for s in range(headings):
         for j in range(p):
             systems[s, j, j] = 1
             systems[s, p, j] = coefficients[s, j]
-    tolerance = 100 * np.finfo(design.dtype).eps
+    tolerance = 100 * np.finfo(observed.dtype).eps
     fitted = np.empty_like(observed)
-    product = np.empty((q, q), dtype=design.dtype)
+    product = np.empty((q, q), dtype=observed.dtype)
     residuals = np.empty(pixels, dtype=np.float32)
     bits = residuals.view(np.int32)
     gone = np.zeros((headings, pixels), dtype=np.uint8)
     chosen = np.empty(pixels + 1, dtype=np.int32)
     most = max(pixels - max(target, int(pixels * keep)), pixels // 2) + 1
-    rows = np.empty((t * most, q), dtype=design.dtype)
+    taken = np.empty((most, t * q), dtype=observed.dtype)
     guess = 1 << 29
     count = pixels
     while count > target:
@@ -268,22 +291,16 @@ def trimmed_coefficients(design: Real, transposed: Real, observed: Real, pixels:
                         residuals[i] = np.inf
             limit, ties = limit_of_smallest(bits, survivors, guess)
             guess = limit
-            number = leave_out(bits, limit, ties, gone[s], chosen)
+            number = leave_out(bits, limit, ties, chosen)
+            for c in range(number):
+                gone[s, chosen[c]] = 1
             # Subtracting most of the pixels would leave little but rounding: few are summed anew.
             anew = 2 * survivors < pixels
             if anew:
                 number = remaining(gone[s], chosen)
                 systems[s] = 0
-            for f in range(t):
-                start = f * pixels
-                take_rows(
-                    design[start : start + pixels],
-                    observed[s, start : start + pixels],
-                    chosen[:number],
-                    rows[f * number : (f + 1) * number],
-                )
-            taken = rows[: t * number]
-            np.dot(taken.T, taken, product)
+            rows = take_rows(by_pixel, observed[s], chosen[:number], taken[:number]).reshape(t * number, q)
+            np.dot(rows.T, rows, product)
             add(systems[s], product, 1 if anew else -1)
             coefficients[s, :p] = solve_positive(systems[s], tolerance)
         count = survivors
@@ -323,8 +340,8 @@ def vote(
     responses: Float32,
     rows: Int32,
     columns: Int32,
-    design: Real,
     transposed: Real,
+    by_pixel: Real,
     back: Real,
     mean_responses: Real,
     references: Float64,
@@ -341,7 +358,7 @@ def vote(
         Filter responses of the image, which is never turned: a heading is a column offset.
     rows, columns : int32 (m, n)
         The n pixels of each of m hypotheses; rows in order read fastest.
-    design, transposed : float32 or float64 (m, t n, p + 1), (m, p + 1, t n)
+    transposed, by_pixel : float32 or float64 (m, p + 1, t n), (m, n, t (p + 1))
         See `trimmed_coefficients`.
     back : same dtype (m, p + 1, p)
         Turns coefficients of the whitened equations into coefficients of the eigenimages.
@@ -373,7 +390,7 @@ def vote(
             padded[f, start + image_columns : start + 2 * image_columns] = responses[f, r]
     votes = np.zeros((shifts.shape[0], references.shape[0]))
     places = np.empty(n, dtype=np.uint32)
-    observed_all = np.empty((_TOGETHER, t * n), dtype=design.dtype)
+    observed_all = np.empty((_TOGETHER, t * n), dtype=transposed.dtype)
     for h in range(m):
         for i in range(n):
             places[i] = 2 * image_columns * rows[h, i] + columns[h, i]
@@ -392,7 +409,7 @@ def vote(
                         mean_responses[h, start : start + n],
                         observed[s, start : start + n],
                     )
-            whitened = trimmed_coefficients(design[h], transposed[h], observed, n, keep, trim_to)
+            whitened = trimmed_coefficients(transposed[h], by_pixel[h], observed, keep, trim_to)
             # In double precision, or equal angles would not give equal votes.
             coefficients = np.dot(whitened, back[h]).astype(np.float64)
             products = np.dot(coefficients, references.T)

@@ -70,9 +70,8 @@ class PaperModel:
         self._kept = dict(zip(_ARRAYS, (rows, columns, design, mean_responses, references), strict=True))
         self._image_columns = image_columns
         self._rows, self._columns = rows, columns
-        self._equations, self._back = whitened(design.reshape(len(design), -1, design.shape[3]))
-        # Every product is fast with one of both orders in memory.
-        self._transposed = np.ascontiguousarray(np.swapaxes(self._equations, 1, 2))
+        equations, self._back = whitened(design.reshape(len(design), -1, design.shape[3]))
+        self._transposed, self._by_pixel = in_both_orders(equations, design.shape[2])
         self._mean_responses = mean_responses.reshape(len(design), -1)
         self._references = references.astype(np.float64)
         count = max(1, round(360.0 / settings.heading_step_deg))
@@ -156,8 +155,8 @@ class PaperModel:
             _filtered(pixels, self.settings),
             self._rows,
             self._columns,
-            self._equations,
             self._transposed,
+            self._by_pixel,
             self._back,
             self._mean_responses,
             self._references,
@@ -196,6 +195,13 @@ def whitened(design: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     equations[:, :, :p] = double @ basis
     back[:, :p] = np.swapaxes(basis, 1, 2)
     return equations, back
+
+
+def in_both_orders(equations: NDArray[Any], pixels: int) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Equations (m, t n, q) as the kernels want them: transposed (m, q, t n), and pixel by pixel (m, n, t q)."""
+    m, _, q = equations.shape
+    by_pixel = np.swapaxes(equations.reshape(m, -1, pixels, q), 1, 2).reshape(m, pixels, -1)
+    return np.ascontiguousarray(np.swapaxes(equations, 1, 2)), np.ascontiguousarray(by_pixel)
 
 
 def _filtered(image: NDArray[np.float32], settings: PaperSettings) -> NDArray[np.float32]:

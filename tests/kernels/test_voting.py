@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from oracles import kernels as naive
 
 from panoloc_mcl.kernels import voting
-from panoloc_mcl.observation.paper import whitened
+from panoloc_mcl.observation.paper import in_both_orders, whitened
 
 
 def solve(variant, gram: np.ndarray, right: np.ndarray, tolerance: float = 1e-12) -> np.ndarray:
@@ -25,10 +25,8 @@ def trim(variant, design: np.ndarray, observed: np.ndarray, keep: float, trim_to
     """Coefficients of designs (n, t, p) and responses (n, t), or (s, n, t) of several headings."""
     equations, back = whitened(by_filter(design)[None])
     rows = np.swapaxes(observed, -2, -1).reshape(-1, equations.shape[1])
-    transposed = np.ascontiguousarray(equations[0].T)
-    found = variant(voting.trimmed_coefficients)(
-        equations[0], transposed, np.ascontiguousarray(rows), len(design), keep, trim_to
-    )
+    transposed, by_pixel = in_both_orders(equations, len(design))
+    found = variant(voting.trimmed_coefficients)(transposed[0], by_pixel[0], np.ascontiguousarray(rows), keep, trim_to)
     assert found.dtype == design.dtype
     assert not found[:, -1].any()
     return (found @ back[0]).reshape(*observed.shape[:-2], -1)
@@ -117,12 +115,11 @@ def test_the_limit_agrees_with_sorting(data: st.DataObject) -> None:
     stays[np.flatnonzero(bits == limit + 1)[:ties]] = True
     assert stays.sum() == wanted
     assert np.array_equal(np.sort(values[stays]), np.sort(values)[:wanted])
-    gone, rows = np.zeros(len(values), dtype=np.uint8), np.empty(len(values) + 1, dtype=np.int32)
-    number_gone = voting.leave_out(bits, limit, ties, gone, rows)
-    assert np.array_equal(gone == 0, stays)
-    assert np.array_equal(rows[:number_gone], np.flatnonzero(~stays))
-    assert voting.leave_out(bits, limit, ties, gone, rows) == 0
-    assert voting.remaining(gone, rows) == wanted
+    rows = np.empty(len(values) + 1, dtype=np.int32)
+    number_gone = voting.leave_out(bits, limit, ties, rows)
+    # What is infinite was left out before.
+    assert np.array_equal(rows[:number_gone], np.flatnonzero(~stays & np.isfinite(values)))
+    assert voting.remaining((~stays).astype(np.uint8), rows) == wanted
     assert np.array_equal(rows[:wanted], np.flatnonzero(stays))
 
 
@@ -182,11 +179,9 @@ def vote(variant, problem: dict, dtype: type = np.float64) -> np.ndarray:
     """The same problem as the kernel takes it."""
     equations, back = whitened(by_filter(problem["design"]).astype(dtype))
     mean = by_filter(problem["mean_responses"][..., None])[..., 0].astype(dtype)
-    transposed = np.ascontiguousarray(np.swapaxes(equations, 1, 2))
     return variant(voting.vote)(
         *(problem[key] for key in ("responses", "rows", "columns")),
-        equations,
-        transposed,
+        *in_both_orders(equations, problem["rows"].shape[1]),
         back,
         mean,
         *(problem[key] for key in ("references", "shifts", "keep", "trim_to", "width")),
