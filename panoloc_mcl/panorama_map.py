@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 
 from panoloc_mcl.camera import Camera, PanoramaGeometry, Unwrapper, camera_from_mapping, geometry_of, to_mapping
 from panoloc_mcl.config.model import ObservationSettings
-from panoloc_mcl.datasets import Dataset, read_image
+from panoloc_mcl.datasets import Dataset, read_image, same_poses
 from panoloc_mcl.errors import DatasetError, MapError, PanolocError
 from panoloc_mcl.files import write_atomically
 from panoloc_mcl.observation import MODELS, ObservationModel, Places, build_settings, settings_of
@@ -249,11 +249,14 @@ def read_references(dataset: Dataset, progress: Progress = no_progress) -> Refer
     Raises
     ------
     DatasetError, ImageError
-        No references, or images that cannot be used.
+        No references, two at one pose, or images that cannot be used.
     """
     source = dataset.references
     if len(source) == 0:
         raise DatasetError(f"{source.path}: no references; a map needs at least one row in poses.csv")
+    doubles = same_poses(source)
+    if doubles:
+        raise DatasetError(doubles)
     geometry = geometry_of(source.camera, source.image_size)
     pixels = np.empty((len(source), *geometry.shape), dtype=np.uint8)
     valid: NDArray[np.bool_] | None = None

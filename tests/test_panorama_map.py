@@ -12,7 +12,7 @@ from panoloc_mcl.camera import PanoramaCamera
 from panoloc_mcl.config.model import ObservationSettings, PaperSettings, VotesSettings
 from panoloc_mcl.datasets import Dataset, read_dataset
 from panoloc_mcl.datasets.writer import DatasetWriter
-from panoloc_mcl.errors import MapError, PanolocError
+from panoloc_mcl.errors import DatasetError, MapError, PanolocError
 from panoloc_mcl.panorama_map import PanoramaMap, read_references
 
 CAMERA = PanoramaCamera(elevation_deg=(-50.0, 25.0), height_m=0.6)
@@ -233,3 +233,19 @@ def test_references_that_cannot_be_used_are_one_line_each(tmp_path: Path) -> Non
     with pytest.raises(MapError) as caught:
         PanoramaMap.build(a_dataset(tmp_path / "data", images))
     assert len(caught.value.faults) == 2
+
+
+def test_two_references_at_one_pose_are_one_line_with_both_files(tmp_path: Path) -> None:
+    poses = POSES.copy()
+    poses[2] = poses[0] + [0.0, 0.0, 2.0 * np.pi]
+    with pytest.raises(DatasetError) as caught:
+        PanoramaMap.build(a_dataset(tmp_path / "data", poses=poses))
+    (line,) = caught.value.faults
+    assert "poses.csv: ref_000.png and ref_002.png have the same pose (0, 0, 0)" in line
+    assert line.endswith("keep one of them")
+
+
+def test_several_headings_at_one_position_are_welcome(tmp_path: Path) -> None:
+    poses = POSES.copy()
+    poses[2] = poses[0] + [0.0, 0.0, 0.5]
+    assert len(PanoramaMap.build(a_dataset(tmp_path / "data", poses=poses)).references) == 4

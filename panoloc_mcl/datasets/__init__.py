@@ -1,6 +1,6 @@
 """Data sets: reading, checking and writing them, and one that comes with the package."""
 
-from panoloc_mcl.datasets.check import check_dataset
+from panoloc_mcl.datasets.check import check_dataset, same_poses
 from panoloc_mcl.datasets.dataset import Dataset, References, Sequence
 from panoloc_mcl.datasets.embedded import EMBEDDED, Embedded, embedded_dataset, resolve_dataset
 from panoloc_mcl.datasets.images import image_size, read_image, write_image
@@ -24,6 +24,7 @@ __all__ = [
     "read_image",
     "read_tum",
     "resolve_dataset",
+    "same_poses",
     "write_image",
     "write_tum",
 ]

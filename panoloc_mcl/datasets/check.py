@@ -35,7 +35,7 @@ def check_dataset(path: str | Path) -> list[str]:
     faults = list(scan.faults)
     if scan.references is not None:
         faults += _undecodable(scan.references)
-        faults += _doubles(scan.references)
+        faults += same_poses(scan.references)
     for sequence in scan.sequences:
         faults += _undecodable(sequence)
         faults += _uncovered(sequence, sequence.odometry, "odometry.tum")
@@ -53,7 +53,11 @@ def _undecodable(images: References | Sequence) -> list[str]:
     return faults
 
 
-def _doubles(references: References) -> list[str]:
+def same_poses(references: References) -> list[str]:
+    """One line for each two references at one position and heading, within 1 mm and 1 mrad.
+
+    Several headings at one position are several views of it, and welcome.
+    """
     # Slow to import, and only the check needs it.
     from scipy.spatial import cKDTree
 
