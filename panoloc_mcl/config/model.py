@@ -305,20 +305,6 @@ class RecoverySettings(StrictModel):
         return self
 
 
-class MonteCarloSettings(StrictModel):
-    """The particle filter over position and heading."""
-
-    particles: Annotated[int, Field(ge=10)] = Field(
-        2000, description="Particles (at the start, if their count adapts). More: surer start, slower; 64 bytes each."
-    )
-    resampling: ResamplingSettings = Field(default_factory=ResamplingSettings, description="Which particles go on.")
-    adaptive: AdaptiveSettings = Field(default_factory=AdaptiveSettings, description="A count that follows the belief.")
-    threads: Annotated[int, Field(ge=1, le=1024)] = Field(
-        1, description="Threads that move and weigh particles. Pays from some 20 000 on; the result does not depend on it."
-    )
-    floor: Annotated[float, Field(ge=0.0, lt=1.0)] = Field(
-        0.005, description="Uniform part of the likelihood, so that no single image can kill the truth."
-    )
 class ResamplingSettings(StrictModel):
     """Which particles go on, and when they are drawn."""
 
@@ -355,6 +341,20 @@ class AdaptiveSettings(StrictModel):
         return fitting_memory(count)
 
 
+class MonteCarloSettings(StrictModel):
+    """The particle filter over position and heading."""
+
+    particles: Annotated[int, Field(ge=10)] = Field(
+        2000, description="Particles (at the start, if their count adapts). More: surer start, slower; 64 bytes each."
+    )
+    resampling: ResamplingSettings = Field(default_factory=ResamplingSettings, description="Which particles go on.")
+    adaptive: AdaptiveSettings = Field(default_factory=AdaptiveSettings, description="A count that follows the belief.")
+    threads: Annotated[int, Field(ge=1, le=1024)] = Field(
+        1, description="Threads that move and weigh particles. Pays from some 20 000 on; the result does not depend on it."
+    )
+    floor: Annotated[float, Field(ge=0.0, lt=1.0)] = Field(
+        0.005, description="Uniform part of the likelihood, so that no single image can kill the truth."
+    )
     measured_share: Share = Field(
         0.3, description="Share of the particles drawn around the pose that an image gives by itself (refinement)."
     )
@@ -362,6 +362,11 @@ class AdaptiveSettings(StrictModel):
         0.02, description="Likelihood of a particle far from that pose relative to one at it: the chance that it is wrong."
     )
     recovery: RecoverySettings = Field(default_factory=RecoverySettings, description="Proposals drawn from the vote field.")
+
+    @field_validator("particles")
+    @classmethod
+    def _fits(cls, count: int) -> int:
+        return fitting_memory(count)
 
 
 class KalmanSettings(StrictModel):
@@ -371,11 +376,6 @@ class KalmanSettings(StrictModel):
     measurement_noise_deg: Positive = Field(
         4.0, le=180.0, description="Standard deviation of the heading measured by an image, degrees; constant, as in the paper."
     )
-    @field_validator("particles")
-    @classmethod
-    def _fits(cls, count: int) -> int:
-        return fitting_memory(count)
-
     min_sd_deg: Positive = Field(1.0, le=180.0, description="Least standard deviation the headings are drawn with, degrees.")
 
 
