@@ -175,7 +175,7 @@ def remaining(gone: UInt8, rows: Int32) -> int:
     count = 0
     for i in range(gone.shape[0]):
         rows[count] = i
-        count += gone[i] ^ np.uint8(1)
+        count += gone[i] == 0
     return count
 
 
