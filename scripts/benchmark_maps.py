@@ -146,7 +146,7 @@ def tiled(small: PanoramaMap, tiles: int) -> PanoramaMap:
 
 def images_of(panorama_map: PanoramaMap, path: str) -> dict[str, float]:
     """Median seconds of an image: vote field only, and from pixels to pose, particle filter included."""
-    from benchmark import interleaved, localizer_step
+    from benchmark import localizer_step
 
     dataset = read_dataset(path)
     drive = next(iter(dataset.sequences.values()))
@@ -164,8 +164,20 @@ def images_of(panorama_map: PanoramaMap, path: str) -> dict[str, float]:
         state["count"] += 1
         return field.observe(panoramas[state["count"] % len(panoramas)])
 
-    medians = interleaved({"field": vote_field, "pose": localizer_step(panorama_map, config, images)}, 9)
+    medians = processor_time({"field": vote_field, "pose": localizer_step(panorama_map, config, images)}, 9)
     return {"places": len(field.places), "references": len(panorama_map.references), **medians}
+
+
+def processor_time(tasks: dict[str, Callable[[], object]], repeats: int) -> dict[str, float]:
+    """Median seconds of the processor for each task, in turn: these are compared over processes, on a machine that may be busy."""
+    spent: dict[str, list[float]] = {name: [] for name in tasks}
+    for repeat in range(repeats + 1):
+        for name, task in tasks.items():
+            begin = time.process_time()
+            task()
+            # The first one compiles kernels and fills caches.
+            spent[name] += [time.process_time() - begin] if repeat else []
+    return {name: float(np.median(times)) for name, times in spent.items()}
 
 
 def image_of_many(path: str, dataset: str) -> dict[str, float]:
@@ -177,9 +189,9 @@ def costs(dataset: Dataset, out: Path) -> None:
     """Print and plot the time of an image against the number of places, and of headings."""
     print(f"\n## Cost of one image of `{dataset.name}` against the number of places, one thread\n")
     print(
-        "More places than the map has are the map several times side by side (tiles): as large as a real one, but alike. The vote "
-        "field is without refinement; pixels to pose is all of it, particle filter included; memory is the peak of a process "
-        "that loads the map and localizes.\n"
+        "Processor time, medians. More places than the map has are the map several times side by side (tiles): as large as a real "
+        "one, but alike. The vote field is without refinement; pixels to pose is all of it, particle filter included; memory is the "
+        "peak of a process that loads the map and localizes.\n"
     )
     print(
         "| places | references | p | vote field, ms | pixels to pose, ms | images a second | peak memory, MB | map file, MB |"
@@ -206,7 +218,9 @@ def costs(dataset: Dataset, out: Path) -> None:
                 flush=True,
             )
     print(f"\n## Cost of one image of `{dataset.name}` against the number of headings, one thread\n")
-    print("Panoramas resized to other widths; virtual places by the map's rule, p =", f"{COMPONENTS}.\n")
+    print(
+        "Processor time, medians. Panoramas resized to other widths; virtual places by the map's rule, p =", f"{COMPONENTS}.\n"
+    )
     print("| headings | vote field, ms | with refinement, ms |\n|---|---|---|")
     by_headings = []
     for columns in COLUMNS:
@@ -218,8 +232,6 @@ def costs(dataset: Dataset, out: Path) -> None:
 
 def heading_cost(dataset: Dataset, columns: int) -> tuple[float, float]:
     """Median seconds of an image of another width: vote field, and with the refinement."""
-    from benchmark import interleaved
-
     references = read_references(dataset)
 
     def resized(image: np.ndarray) -> np.ndarray:
@@ -239,7 +251,7 @@ def heading_cost(dataset: Dataset, columns: int) -> tuple[float, float]:
     field = VotesModel.restore(other, unrefined, model.arrays())
     drive = next(iter(dataset.sequences.values()))
     image = Panorama(resized(read_image(drive.files[0])).astype(np.float32), None)
-    medians = interleaved({"field": lambda: field.observe(image), "refined": lambda: model.observe(image)}, 9)
+    medians = processor_time({"field": lambda: field.observe(image), "refined": lambda: model.observe(image)}, 9)
     return medians["field"], medians["refined"]
 
 
