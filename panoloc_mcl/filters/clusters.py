@@ -6,17 +6,14 @@ few. So a million particles cost hardly more than finding them.
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from panoloc_mcl.filters.estimate import Cluster
 from panoloc_mcl.geometry import angle_difference, wrap_angle
-from panoloc_mcl.kernels.particles import cell_moments, cells_of
+from panoloc_mcl.kernels.particles import cell_moments, cells_of, link_cells
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -25,8 +22,6 @@ _CELL_M = 0.4
 _HEADING_CELLS = 24
 # Cells below this share of the heaviest one's mass belong to a cluster that they touch, but do not link two.
 _LINKING_SHARE = 0.01
-# Half of the 26 neighbours; the other half are the same pairs the other way round.
-_NEIGHBOURS = [step for step in itertools.product((-1, 0, 1), repeat=3) if step > (0, 0, 0)]
 # Grids of up to so many cells are counted in a table, larger ones by sorting.
 _TABLE_CELLS = 1 << 16
 
@@ -90,7 +85,8 @@ def find_clusters(poses: Float64, weights: Float64, most: int = 5) -> tuple[Clus
     place, turn = np.divmod(grid.occupied, grid.turns)
     centres = (np.stack(np.divmod(place, grid.rows), axis=-1) + 0.5) * _CELL_M
     moments = cell_moments(particles, weights, grid.slots, centres, *grid.origin, grid.turns)
-    labels = _labels(grid, moments[:, 0])
+    heavy = moments[:, 0] >= _LINKING_SHARE * moments[:, 0].max()
+    labels = link_cells(grid.occupied, heavy, grid.rows, grid.turns)
     masses = np.bincount(labels, weights=moments[:, 0])
     headings = (turn + 0.5) * (2.0 * np.pi / grid.turns) - np.pi
     origins = np.column_stack([centres + grid.origin, headings])
@@ -126,26 +122,3 @@ def _residuals(poses: Float64, pose: Float64) -> Float64:
     residuals = poses - pose
     residuals[:, 2] = angle_difference(poses[:, 2], pose[2])
     return residuals
-
-
-def _labels(grid: Grid, masses: Float64) -> Int64:
-    """Which cluster each occupied cell belongs to."""
-    occupied = grid.occupied
-    if len(occupied) == 1:
-        return np.zeros(1, dtype=np.int64)
-    place, turn = np.divmod(occupied, grid.turns)
-    pairs = []
-    for dx, dy, dt in _NEIGHBOURS:
-        wanted = (place + dx * grid.rows + dy) * grid.turns + (turn + dt) % grid.turns
-        found = np.minimum(np.searchsorted(occupied, wanted), len(occupied) - 1)
-        hit = np.flatnonzero(occupied[found] == wanted)
-        pairs.append(np.stack([hit, found[hit]]))
-    edges = np.concatenate(pairs, axis=1)
-    heavy = masses >= _LINKING_SHARE * masses.max()
-    links = edges[:, heavy[edges].all(axis=0)]
-    graph = coo_array((np.ones(links.shape[1], dtype=np.int8), (links[0], links[1])), shape=(len(occupied), len(occupied)))
-    labels = np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
-    for one, other in (edges, edges[::-1]):
-        rim = ~heavy[one] & heavy[other]
-        labels[one[rim]] = labels[other[rim]]
-    return labels

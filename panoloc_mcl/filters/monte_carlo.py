@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.config.model import MonteCarloSettings, StatusSettings
 from panoloc_mcl.filters.base import Start
-from panoloc_mcl.filters.blocks import Blocks
+from panoloc_mcl.filters.blocks import BLOCK, Blocks
 from panoloc_mcl.filters.clusters import find_clusters, grid_of
 from panoloc_mcl.filters.estimate import Cluster, FilterState, Status
 from panoloc_mcl.filters.resampling import SCHEMES, adaptive_count, effective_count, normalised
@@ -50,9 +50,12 @@ class MonteCarloFilter:
     Attributes
     ----------
     poses : float64 (n, 3)
-        A view of rows x, y, heading, which is how the kernels want them.
+        A view of rows x, y, heading, which is how the kernels want them. Steps change it, and the weights, in place: with a million
+        particles fresh memory costs as much as the work.
     log_weights : float64 (n,)
         Up to a constant.
+    weights : float64 (n,)
+        The same as shares of 1.
     """
 
     def __init__(
@@ -64,7 +67,7 @@ class MonteCarloFilter:
         self._key, self._step = int(rng.integers(2**63)), 0
         self._blocks = Blocks(settings.threads)
         self.poses = self._drawn_from(start)
-        self.log_weights = np.zeros(settings.particles)
+        self._weigh_alike()
         self._nothing_known = start.position is None or start.heading is None
         self._has_converged = False
         self._match = math.nan
@@ -80,6 +83,9 @@ class MonteCarloFilter:
         """Random numbers of the next step of the filter, whatever was drawn before."""
         self._step += 1
         return np.random.Generator(np.random.Philox(key=self._key, counter=[0, 0, 0, self._step]))
+
+    def _weigh_alike(self) -> None:
+        self.log_weights, self.weights = np.zeros(len(self.poses)), np.full(len(self.poses), 1.0 / len(self.poses))
 
     def _drawn_from(self, start: Start) -> Float64:
         rng, count = self._next_step(), self.settings.particles
@@ -101,16 +107,12 @@ class MonteCarloFilter:
         self._step += 1
         parts = (motion.first_turn, motion.along, motion.across, motion.last_turn)
         noise = (motion.sd_first_turn, motion.sd_along, motion.sd_across, motion.sd_last_turn)
-        particles = np.ascontiguousarray(self.poses.T)
+        particles = self.poses.T
 
         def move(block: slice) -> None:
-            moved = propagate(np.ascontiguousarray(particles[:, block]), *parts, *noise, self._key, self._step, block.start)
-            particles[:, block] = moved
+            particles[:, block] = propagate(particles, *parts, *noise, self._key, self._step, block.start, block.stop)
 
-        # In place, block by block; the caller's array stays as it is.
-        particles = particles.copy()
         self._blocks.each(move, len(self.poses))
-        self.poses = particles.T
 
     def heading_hypotheses(self, offset: Motion | None) -> None:
         """Particles look at all headings."""
@@ -135,9 +137,9 @@ class MonteCarloFilter:
         self._judge(log_likelihood)
         self._recover(votes, offset, log_likelihood, rng)
         self._reweight(votes, offset, log_likelihood)
-        weights = normalised(self.log_weights)
-        self._judge_posterior(weights, log_likelihood)
-        self._resample(weights, rng)
+        self._judge_posterior(log_likelihood)
+        del log_likelihood
+        self._resample(rng)
 
     def _seen_from(self, poses: Float64, offset: Motion | None) -> Float64:
         return poses if offset is None else compose(poses, offset.increment)
@@ -160,7 +162,7 @@ class MonteCarloFilter:
 
     def _judge(self, log_likelihood: Float64) -> None:
         """How much of the best cell's likelihood the prediction explains, now and in the running averages."""
-        self._match = self._explained(normalised(self.log_weights), log_likelihood)
+        self._match = self._explained(log_likelihood)
         if math.isnan(self._match_slow):
             self._match_slow = self._match_fast = self._match
             return
@@ -168,17 +170,17 @@ class MonteCarloFilter:
         self._match_slow += recovery.slow * (self._match - self._match_slow)
         self._match_fast += recovery.fast * (self._match - self._match_fast)
 
-    def _judge_posterior(self, weights: Float64, log_likelihood: Float64) -> None:
+    def _judge_posterior(self, log_likelihood: Float64) -> None:
         """Running share of the best votes that the belief explains once it has seen the image: low where images do not fit it.
 
         Before the image a wide belief explains little, too, for instance after a long way without images.
         """
-        fit = self._explained(weights, log_likelihood)
+        fit = self._explained(log_likelihood)
         self._fit = fit if math.isnan(self._fit) else self._fit + self.settings.recovery.fast * (fit - self._fit)
 
-    def _explained(self, weights: Float64, log_likelihood: Float64) -> float:
-        blocks = (slice(start, start + 16_384) for start in range(0, len(weights), 16_384))
-        return float(sum(weights[block] @ np.exp(log_likelihood[block]) for block in blocks))
+    def _explained(self, log_likelihood: Float64) -> float:
+        blocks = [slice(start, start + BLOCK) for start in range(0, len(self.weights), BLOCK)]
+        return float(sum(self.weights[block] @ np.exp(log_likelihood[block]) for block in blocks))
 
     def _recover(self, votes: VoteField, offset: Motion | None, log_likelihood: Float64, rng: np.random.Generator) -> None:
         """Replace a share of the particles by poses drawn from the image; all are weighed alike afterwards."""
@@ -214,12 +216,14 @@ class MonteCarloFilter:
             drawn = compose(drawn, inverse(offset.increment))
         # Evenly spread over all from a random start: like particles lie next to each other, so none of a kind goes altogether.
         replaced = (np.arange(count) * others // count + int(rng.integers(others))) % others
-        weights = normalised(self.log_weights)
-        weights *= 1.0 - mass
-        weights[replaced] = mass / count
+        kept = max(1.0 - mass, _TINY)
+        # As weights are shares of 1, so are these: the drawn ones have ``mass``, the others what is left.
+        self.log_weights += math.log(kept * float(self.weights.max())) - self.log_weights.max()
+        self.log_weights[replaced] = math.log(max(mass / count, _TINY))
+        self.weights *= kept
+        self.weights[replaced] = mass / count
+        self.weights /= self.weights.sum()
         self.poses[replaced] = drawn
-        np.log(np.maximum(weights, _TINY, out=weights), out=weights)
-        self.log_weights = weights
         log_likelihood[replaced] = self._field_log_likelihood(votes, offset, replaced)
         self._injected += count
 
@@ -229,7 +233,7 @@ class MonteCarloFilter:
         seen_from = self._seen_from(self.poses, offset)
         near = np.hypot(seen_from[:, 0] - pose[0], seen_from[:, 1] - pose[1]) < limits.converged_spread_m
         near &= np.abs(angle_difference(seen_from[:, 2], pose[2])) < np.radians(limits.converged_spread_deg)
-        return float(normalised(self.log_weights)[near].sum())
+        return float(self.weights[near].sum())
 
     def _injection_share(self) -> float:
         recovery = self.settings.recovery
@@ -245,16 +249,17 @@ class MonteCarloFilter:
 
     def _reweight(self, votes: VoteField, offset: Motion | None, log_likelihood: Float64) -> None:
         """Multiply the weights by the likelihood: that of the vote field, and of the measured pose where there is one."""
-        self.log_weights = self.log_weights + log_likelihood
+        self.log_weights += log_likelihood
         if votes.measurement is not None:
             doubt = self.settings.measured_doubt
             fit = votes.measurement.relative_likelihood(self._seen_from(self.poses, offset))
             self.log_weights += np.log(doubt + (1.0 - doubt) * fit)
         self.log_weights -= self.log_weights.max()
+        normalised(self.log_weights, out=self.weights)
 
-    def _resample(self, weights: Float64, rng: np.random.Generator) -> None:
+    def _resample(self, rng: np.random.Generator) -> None:
         """Draw the particles that go on, if the weights have become too uneven, or more or fewer are wanted."""
-        settings, count = self.settings, len(weights)
+        settings, weights, count = self.settings, self.weights, len(self.weights)
         self._effective = effective_count(weights)
         draw = SCHEMES[settings.resampling.scheme]
         wanted = count
@@ -262,15 +267,20 @@ class MonteCarloFilter:
             survivors = np.ascontiguousarray(self.poses[draw(weights, count, rng)].T)
             turns = max(1, round(360.0 / settings.adaptive.bin_deg))
             wanted = adaptive_count(len(grid_of(survivors, settings.adaptive.bin_m, turns).occupied), settings.adaptive)
-        if self._effective < settings.resampling.below * count or wanted != count:
-            chosen = draw(weights, wanted, rng)
-            self.poses = self.poses.T.take(chosen, axis=1).T
-            self.log_weights = np.zeros(wanted)
-            self._resampled = True
+        if wanted != count:
+            self.poses = self.poses.T.take(draw(weights, wanted, rng), axis=1).T
+        elif self._effective < settings.resampling.below * count:
+            chosen = draw(weights, count, rng)
+            for row in self.poses.T:
+                row[:] = row[chosen]
+        else:
+            return
+        self._weigh_alike()
+        self._resampled = True
 
     def state(self) -> FilterState:
         """Clusters, status and the figures behind it."""
-        clusters = find_clusters(self.poses, normalised(self.log_weights))
+        clusters = find_clusters(self.poses, self.weights)
         best = clusters[0]
         status = self._status_of(clusters)
         place = self.places.nearest_reference(best.pose[:2])
@@ -305,7 +315,8 @@ class MonteCarloFilter:
         if poses.ndim != 2 or poses.shape != (len(log_weights), 3) or len(poses) == 0 or not np.isfinite(poses).all():
             raise ValueError(f"poses of shape {poses.shape} do not fit {len(log_weights)} weights, or are not finite")
         values = {name: header[name] for name in _REMEMBERED}
-        self.poses, self.log_weights, self._votes = np.ascontiguousarray(poses.T).T, log_weights, None
+        self.poses, self.log_weights, self._votes = np.array(poses.T, order="C").T, np.array(log_weights), None
+        self.weights = normalised(self.log_weights)
         vars(self).update(values)
 
     def _status_of(self, clusters: tuple[Cluster, ...]) -> Status:

@@ -24,12 +24,14 @@ SCHEMES: dict[str, Callable[[Float64, int, np.random.Generator], Int64]] = {
 }
 
 
-def normalised(log_weights: Float64) -> Float64:
-    """Weights that sum to 1, float64 (n,). Where no particle has any weight at all, nothing is known: all are equal."""
+def normalised(log_weights: Float64, out: Float64 | None = None) -> Float64:
+    """Weights that sum to 1, float64 (n,), in ``out`` if given. Where no particle has any weight at all, all are equal."""
+    weights = np.empty_like(log_weights) if out is None else out
     top = log_weights.max()
     if not math.isfinite(top):
-        return np.full(len(log_weights), 1.0 / len(log_weights))
-    weights: Float64 = log_weights - top
+        weights.fill(1.0 / len(log_weights))
+        return weights
+    np.subtract(log_weights, top, out=weights)
     np.exp(weights, out=weights)
     weights /= weights.sum()
     return weights

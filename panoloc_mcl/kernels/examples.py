@@ -17,7 +17,7 @@ def _particles(count: int = 4) -> Any:
 
 
 def _propagate() -> tuple[Any, ...]:
-    return _particles(), 0.1, 0.2, 0.0, 0.1, 0.01, 0.01, 0.01, 0.01, 1, 2, 0
+    return _particles(), 0.1, 0.2, 0.0, 0.1, 0.01, 0.01, 0.01, 0.01, 1, 2, 0, 4
 
 
 def _read_field() -> tuple[Any, ...]:
@@ -105,6 +105,7 @@ EXAMPLES: dict[str, Callable[[], tuple[Any, ...]]] = {
     "gradients.plain_gradients": lambda: _normalised_gradients()[:3],
     "particles.cell_moments": _cell_moments,
     "particles.cells_of": lambda: (_particles(), -1.0, -1.0, 0.4, 5, 24),
+    "particles.link_cells": lambda: (np.array([9, 10]), np.ones(2, dtype=np.bool_), 5, 3),
     "particles.propagate": _propagate,
     "particles.read_field": _read_field,
     "random.normal_pair": lambda: (np.uint64(1), np.uint64(2)),
@@ -115,13 +116,13 @@ EXAMPLES: dict[str, Callable[[], tuple[Any, ...]]] = {
     "resampling.residual": _weights_and_uniforms,
     "resampling.stratified": _weights_and_uniforms,
     "resampling.systematic": lambda: (np.ones(4), 0.5, 4),
+    "selection.count_up_to": lambda: (_integers(), np.int32(2)),
+    "selection.leave_out": lambda: (_integers(), 2, 0, _integers(5)),
+    "selection.limit_of_smallest": lambda: (_integers(), 2, 1 << 29),
+    "selection.remaining": lambda: (_flags(), _integers(5)),
     "voting.add": lambda: (_matrix(), _matrix(), -1),
     "voting.add_squares": lambda: (_numbers(), _numbers(), _numbers()),
-    "voting.count_up_to": lambda: (_integers(), np.int32(2)),
-    "voting.leave_out": lambda: (_integers(), 2, 0, _integers(5)),
-    "voting.limit_of_smallest": lambda: (_integers(), 2, 1 << 29),
     "voting.read": lambda: (_numbers(8), np.arange(4, dtype=np.uint32), np.uint32(1), np.float32(0.5), _numbers(), _numbers()),
-    "voting.remaining": lambda: (_flags(), _integers(5)),
     "voting.solve_positive": _solve_positive,
     "voting.take_rows": lambda: (_matrix(), _numbers(8), _integers(2), _matrix()),
     "voting.trimmed_coefficients": _trimmed_coefficients,

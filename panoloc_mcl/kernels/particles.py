@@ -16,6 +16,10 @@ Float64 = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 Int32 = NDArray[np.int32]
 Int64 = NDArray[np.int64]
+Bool = NDArray[np.bool_]
+
+# Particles whose places in the field are worked out before any is looked up.
+_BLOCK = 512
 
 
 @vector_kernel
@@ -32,6 +36,7 @@ def propagate(
     key: int,
     step: int,
     first: int,
+    last: int,
 ) -> Float64:
     """Turn, drive, turn: every particle with Gaussian noise of its own (Thrun, Burgard & Fox, "Probabilistic Robotics", table 5.6).
 
@@ -43,28 +48,31 @@ def propagate(
         The motion: a turn into the direction of travel, the way along and across it (to its left), and another turn.
     sd_first_turn, sd_along, sd_across, sd_last_turn : float
         Standard deviations of the four.
-    key, step, first : int
-        Of the random numbers; ``first`` is the index of the first of these particles among all (see `kernels.random`).
+    key, step : int
+        Of the random numbers, which each particle has for its index (see `kernels.random`).
+    first, last : int
+        Particles ``first`` to ``last - 1`` are moved.
 
     Returns
     -------
-    float64 (3, n)
+    float64 (3, last - first)
         Headings in [-pi, pi).
     """
-    moved = np.empty_like(particles)
+    count = last - first
+    moved = np.empty((3, count))
     word = np.uint64(0xFFFFFFFF)
     k0, k1 = np.uint64(key) & word, np.uint64(key) >> np.uint64(32)
-    for i in range(particles.shape[1]):
+    for i in range(count):
         index = np.uint64(first + i)
         words = philox(index & word, index >> np.uint64(32), np.uint64(step), np.uint64(0), k0, k1)
         n0, n1 = normal_pair(words[0], words[1])
         n2, n3 = normal_pair(words[2], words[3])
-        direction = particles[2, i] + (first_turn + sd_first_turn * n0)
+        direction = particles[2, first + i] + (first_turn + sd_first_turn * n0)
         s, c = sine_cosine(direction)
         ahead = along + sd_along * n1
         aside = across + sd_across * n2
-        moved[0, i] = particles[0, i] + (c * ahead - s * aside)
-        moved[1, i] = particles[1, i] + (s * ahead + c * aside)
+        moved[0, i] = particles[0, first + i] + (c * ahead - s * aside)
+        moved[1, i] = particles[1, first + i] + (s * ahead + c * aside)
         heading = direction + (last_turn + sd_last_turn * n3)
         heading -= 2.0 * np.pi * np.floor((heading + np.pi) / (2.0 * np.pi))
         # Rounding may leave the seam on the wrong side.
@@ -73,7 +81,7 @@ def propagate(
     return moved
 
 
-@kernel
+@vector_kernel
 def read_field(
     particles: Float64,
     scores: Float32,
@@ -104,30 +112,34 @@ def read_field(
     float32 (n,)
         0 off the map.
     """
-    n_headings = scores.shape[0]
-    per_radian = n_headings / (2.0 * np.pi)
-    per_metre = 1.0 / cell
+    n_headings, n_places, around = scores.shape[0], scores.shape[1], neighbours.shape[1]
+    per_radian, per_metre = n_headings / (2.0 * np.pi), 1.0 / cell
     out = np.zeros(particles.shape[1], dtype=np.float32)
-    for i in range(particles.shape[1]):
-        column = int(np.floor((particles[0, i] - origin_x) * per_metre))
-        row = int(np.floor((particles[1, i] - origin_y) * per_metre))
-        if column < 0 or row < 0 or column >= cells_x or row >= cells_y:
-            continue
-        index = row * cells_x + column
-        position = particles[2, i] * per_radian
-        lower = np.floor(position)
-        fraction = np.float32(position - lower)
-        first = int(lower)
-        if not 0 <= first < n_headings:
-            # Once around the circle is the rule; a division would cost more than all the rest.
-            first = first + n_headings if -n_headings <= first < 0 else first % n_headings
-        second = first + 1 if first + 1 < n_headings else 0
-        total = np.float32(0.0)
-        for j in range(neighbours.shape[1]):
-            place = neighbours[index, j]
-            here = scores[first, place] + fraction * (scores[second, place] - scores[first, place])
-            total += weights[index, j] * here
-        out[i] = total
+    votes, places, shares = scores.ravel(), neighbours.ravel(), weights.ravel()
+    cells, rows, fractions = np.empty(_BLOCK, np.int64), np.empty(_BLOCK, np.int64), np.empty(_BLOCK, np.float32)
+    for start in range(0, particles.shape[1], _BLOCK):
+        count = min(_BLOCK, particles.shape[1] - start)
+        # Where to look: arithmetic alone, so for several particles at once.
+        for i in range(count):
+            column = np.floor((particles[0, start + i] - origin_x) * per_metre)
+            row = np.floor((particles[1, start + i] - origin_y) * per_metre)
+            inside = (column >= 0.0) & (row >= 0.0) & (column < cells_x) & (row < cells_y)
+            cells[i] = np.int64(row * cells_x + column) * around if inside else -1
+            position = particles[2, start + i] * per_radian
+            lower = np.floor(position)
+            fractions[i] = np.float32(position - lower)
+            rows[i] = np.int64(lower - n_headings * np.floor(lower / n_headings))
+        # Looking: memory alone.
+        for i in range(count):
+            if cells[i] < 0:
+                continue
+            first = rows[i] * n_places
+            second = first + n_places if rows[i] + 1 < n_headings else 0
+            before, after = np.float32(0.0), np.float32(0.0)
+            for j in range(cells[i], cells[i] + around):
+                before += shares[j] * votes[first + places[j]]
+                after += shares[j] * votes[second + places[j]]
+            out[start + i] = before + fractions[i] * (after - before)
     return out
 
 
@@ -154,7 +166,9 @@ def cells_of(particles: Float64, origin_x: float, origin_y: float, cell: float, 
     for i in range(particles.shape[1]):
         column = int((particles[0, i] - origin_x) * per_metre)
         row = int((particles[1, i] - origin_y) * per_metre)
-        turn = int(np.floor((particles[2, i] + np.pi) * per_radian)) % turns
+        turn = int(np.floor((particles[2, i] + np.pi) * per_radian))
+        if not 0 <= turn < turns:
+            turn %= turns
         out[i] = (column * rows + row) * turns + turn
     return out
 
@@ -183,13 +197,13 @@ def cell_moments(
         Sums of the weight times 1, x, y, t, xx, xy, yy, xt, yt, tt.
     """
     out = np.zeros((centres.shape[0], 10))
-    width = 2.0 * np.pi / turns
+    width, per_radian = 2.0 * np.pi / turns, turns / (2.0 * np.pi)
     for i in range(particles.shape[1]):
         slot = slots[i]
         w = weights[i]
         x = (particles[0, i] - origin_x) - centres[slot, 0]
         y = (particles[1, i] - origin_y) - centres[slot, 1]
-        turn = (particles[2, i] + np.pi) / width
+        turn = (particles[2, i] + np.pi) * per_radian
         t = (turn - np.floor(turn) - 0.5) * width
         out[slot, 0] += w
         out[slot, 1] += w * x
@@ -202,3 +216,59 @@ def cell_moments(
         out[slot, 8] += w * y * t
         out[slot, 9] += w * t * t
     return out
+
+
+@kernel
+def link_cells(occupied: Int64, heavy: Bool, rows: int, turns: int) -> Int64:
+    """Label the cells of a grid so that heavy ones that touch, and light ones that touch a heavy one, have the same label.
+
+    Parameters
+    ----------
+    occupied : int64 (m,)
+        Cell numbers (see `cells_of`), rising; none at the rim of the grid.
+    heavy : bool (m,)
+    rows, turns : int
+
+    Returns
+    -------
+    int64 (m,)
+        From 0, in the order of the first cell that has it.
+    """
+    m = occupied.shape[0]
+    root = np.arange(m)
+    joined = np.full(m, -1)
+    for one in range(m):
+        place, turn = occupied[one] // turns, occupied[one] % turns
+        for dx in range(2):
+            for dy in range(-1, 2):
+                for dt in range(-1, 2):
+                    # Half of the neighbours; the other half are the same pairs the other way round.
+                    if dx == 0 and (dy < 0 or (dy == 0 and dt <= 0)):
+                        continue
+                    wanted = (place + dx * rows + dy) * turns + (turn + dt) % turns
+                    other = np.searchsorted(occupied, wanted)
+                    if other == m or occupied[other] != wanted:
+                        continue
+                    if heavy[one] and heavy[other]:
+                        a, b = one, other
+                        while root[a] != a:
+                            a = root[a]
+                        while root[b] != b:
+                            b = root[b]
+                        root[max(a, b)] = min(a, b)
+                    elif heavy[other]:
+                        joined[one] = other
+                    elif heavy[one]:
+                        joined[other] = one
+    for one in range(m):
+        a = joined[one] if joined[one] >= 0 else one
+        while root[a] != a:
+            a = root[a]
+        joined[one] = a
+    labels, known, newest = np.empty(m, dtype=np.int64), np.full(m, -1), 0
+    for one in range(m):
+        if known[joined[one]] < 0:
+            known[joined[one]] = newest
+            newest += 1
+        labels[one] = known[joined[one]]
+    return labels

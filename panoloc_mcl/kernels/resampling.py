@@ -37,17 +37,21 @@ def systematic(weights: Float64, offset: float, count: int) -> Int64:
         total += weights[i]
         if weights[i] > 0.0:
             last = i
-    indices = np.empty(count, dtype=np.int64)
-    step = total / count
-    i = 0
-    cumulative = weights[0]
+    per_weight = count / total
+    # Each particle notes itself where its copies begin. One without copies is overwritten by the next, so no branch is needed,
+    # which the processor would guess wrong for every other particle.
+    indices = np.zeros(count + 1, dtype=np.int64)
+    cumulative, begin = 0.0, 0
+    for i in range(last + 1):
+        indices[begin] = i
+        cumulative += weights[i]
+        # How many targets (k + offset) / count lie below the share so far.
+        begin = min(max(int(np.ceil(cumulative * per_weight - offset)), begin), count)
+    newest = 0
     for k in range(count):
-        target = (k + offset) * step
-        while cumulative <= target and i < last:
-            i += 1
-            cumulative += weights[i]
-        indices[k] = i
-    return indices
+        newest = max(newest, indices[k])
+        indices[k] = newest
+    return indices[:count]
 
 
 @kernel

@@ -46,6 +46,25 @@ def test_three_mistakes_are_all_named(faults):
         ),
         ("localizer: {monte_carlo: {recovery: {min_share: 0.6}}}", "min_share 0.6 is above max_share 0.5; lower it"),
         ("localizer: {monte_carlo: {recovery: {slow: 0.6}}}", "slow 0.6 must be below fast 0.5; lower it"),
+        ("localizer: {monte_carlo: {particles: 9}}", "particles = 9: must be greater than or equal to 10; raise it"),
+        ("localizer: {monte_carlo: {resampling: {below: 1.5}}}", "below = 1.5: must be less than or equal to 1; lower it"),
+        (
+            "localizer: {monte_carlo: {resampling: {scheme: systemic}}}",
+            "'stratified', 'residual' or 'multinomial'; did you mean 'systematic'?",
+        ),
+        (
+            "localizer: {monte_carlo: {adaptive: {max_particles: 400}}}",
+            "min_particles 500 is above max_particles 400; lower it",
+        ),
+        ("localizer: {monte_carlo: {adaptive: {quantile: 1.0}}}", "quantile = 1.0: must be less than 1; lower it"),
+        ("localizer: {monte_carlo: {threads: 0}}", "threads = 0: must be greater than or equal to 1; raise it"),
+        (
+            "localizer: {motion: {translation_noise_from_rotation: -0.1}}",
+            "translation_noise_from_rotation = -0.1: must be greater than or equal to 0; raise it",
+        ),
+        ("localizer: {motion: {model: diferential}}", "did you mean 'differential'?"),
+        ("localizer: {motion: {max_speed_m_s: 0}}", "max_speed_m_s = 0: must be greater than 0; raise it"),
+        ("localizer: {kalman_orientation: {measurement_noise_deg: -1}}", "measurement_noise_deg = -1: must be greater than 0"),
         ("Seed: 1", "unknown key 'Seed'; did you mean 'seed'?"),
         ("kidnap: {every frames: 1}", "unknown key 'kidnap.every frames'; did you mean 'every_frames'?"),
         ("'': 1", "unknown key ''; known keys here: dataset, "),
@@ -142,3 +161,19 @@ def test_faulty_options_are_named_together(faults):
         "--set runs: needs the form KEY=VALUE; for instance seed=1 or localizer.mode=monte_carlo",
         "--set seed=[1: not valid YAML: expected ',' or ']', but got '<stream end>'; mend it",
     ]
+
+
+@pytest.mark.parametrize("key", ["particles", "adaptive.max_particles"])
+def test_more_particles_than_the_machine_can_hold(faults, write, monkeypatch, key):
+    monkeypatch.setattr("panoloc_mcl.config.model.physical_memory", lambda: 2**30)
+    (found,) = faults("", f"localizer.monte_carlo.{key}=16777217")
+    assert found.endswith(
+        f"localizer.monte_carlo.{key} = 16777217: must be at most 16777216, as many as fit into this machine's 1.0 GiB of memory; "
+        "lower it"
+    )
+    load_config(write(""), [f"localizer.monte_carlo.{key}=16777216"])
+
+
+def test_where_the_machine_does_not_tell_its_memory_any_count_is_taken(write, monkeypatch):
+    monkeypatch.setattr("panoloc_mcl.config.model.physical_memory", lambda: None)
+    load_config(write(""), ["localizer.monte_carlo.particles=1000000000000"])

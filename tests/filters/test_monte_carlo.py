@@ -3,7 +3,7 @@ import pytest
 from oracles.fields import STANDING, hills, moved
 from oracles.scenes import grid
 
-from panoloc_mcl.config.model import MonteCarloSettings, RecoverySettings, ResamplingSettings, StatusSettings
+from panoloc_mcl.config.model import AdaptiveSettings, MonteCarloSettings, RecoverySettings, ResamplingSettings, StatusSettings
 from panoloc_mcl.filters import MonteCarloFilter, Start, Status
 from panoloc_mcl.geometry import angle_difference, between, compose
 from panoloc_mcl.observation import Places, VoteField
@@ -278,3 +278,123 @@ def test_a_known_start_is_not_searched_for() -> None:
     belief = a_filter(Start((1.0, 1.0), 0.5))
     belief.update(hills(PLACES, HERE))
     assert belief.state().injected == 20  # the least share
+
+
+@pytest.mark.parametrize("scheme", ["systematic", "stratified", "residual", "multinomial"])
+@pytest.mark.parametrize("seed", range(3))
+def test_every_scheme_finds_the_peak(scheme: str, seed: int) -> None:
+    belief = a_filter(seed=seed, resampling=ResamplingSettings(scheme=scheme))
+    for _ in range(5):
+        belief.propagate(STEP)
+        belief.update(hills(PLACES, HERE))
+    assert near(belief.state().clusters[0].pose, HERE)
+    assert belief.state().status is Status.CONVERGED
+
+
+@pytest.mark.parametrize(("below", "resampled"), [(0.0, False), (1.0, True)])
+def test_the_threshold_decides_when_to_resample(below: float, resampled: bool) -> None:
+    belief = a_filter(resampling=ResamplingSettings(below=below))
+    for _ in range(4):
+        belief.propagate(STEP)
+        belief.update(hills(PLACES, HERE))
+        assert belief.state().resampled is resampled
+        assert belief.state().particle_count == 1000
+
+
+def test_an_adaptive_count_follows_the_belief() -> None:
+    adaptive = AdaptiveSettings(enabled=True, min_particles=300, max_particles=4000)
+    belief = a_filter(particles=1000, adaptive=adaptive)
+    belief.update(uniform_field())
+    spread_out = belief.state().particle_count
+    for _ in range(6):
+        belief.propagate(STEP)
+        belief.update(hills(PLACES, HERE))
+    found = belief.state()
+    assert spread_out == 4000
+    assert 300 <= found.particle_count < 2000
+    assert near(found.clusters[0].pose, HERE)
+    assert len(belief.poses) == len(belief.log_weights) == len(belief.weights) == found.particle_count
+    for _ in range(3):
+        belief.update(hills(PLACES, HERE, THERE))
+    assert belief.state().particle_count > found.particle_count
+
+
+def test_weights_are_those_of_the_log_weights() -> None:
+    belief = a_filter(resampling=ResamplingSettings(below=0.0))
+    for _ in range(4):
+        belief.propagate(STEP)
+        belief.update(hills(PLACES, HERE, THERE))
+        shares = np.exp(belief.log_weights - belief.log_weights.max())
+        assert belief.weights == pytest.approx(shares / shares.sum(), rel=1e-12)
+
+
+@pytest.mark.parametrize("particles", [1000, 50_000])
+def test_threads_change_no_bit(particles: int) -> None:
+    beliefs = [a_filter(particles=particles, threads=threads) for threads in (1, 2, 3)]
+    for step in range(4):
+        for belief in beliefs:
+            belief.propagate(moved(0.1, 0.0, 0.05))
+            belief.update(hills(PLACES, HERE, THERE) if step % 2 else hills(PLACES, HERE))
+    one, *others = beliefs
+    for other in others:
+        assert np.array_equal(one.poses, other.poses)
+        assert np.array_equal(one.log_weights, other.log_weights)
+        assert np.array_equal(one.state().clusters[0].pose, other.state().clusters[0].pose)
+
+
+def test_what_is_drawn_for_one_particle_does_not_depend_on_how_many_there_are() -> None:
+    few, many = a_filter(Start((1.0, 1.0), 0.5), particles=100), a_filter(Start((1.0, 1.0), 0.5), particles=5000)
+    before = few.poses.copy()
+    many.poses[:100] = before
+    for belief in (few, many):
+        belief.propagate(moved(0.1, 0.0, 0.05))
+    assert np.array_equal(few.poses, many.poses[:100])
+    assert not np.array_equal(few.poses, before)
+
+
+def test_injection_takes_every_particle_as_often() -> None:
+    """Which particles are replaced depends neither on their weight nor on their place in the row."""
+    counts = np.zeros(100)
+    for seed in range(600):
+        belief = a_filter(
+            Start((1.0, 1.0), 0.5), seed=seed, particles=100,
+            resampling=ResamplingSettings(below=0.0), recovery=RecoverySettings(min_share=0.1, max_share=0.1),
+        )  # fmt: skip
+        before = belief.poses.copy()
+        belief.update(hills(PLACES, THERE))
+        counts += np.any(belief.poses != before, axis=1)
+    assert counts.sum() == 6000
+    # Six standard deviations of a binomial count.
+    assert np.all(np.abs(counts - 60.0) < 6.0 * np.sqrt(60.0))
+
+
+def test_restored_it_goes_on_as_if_nothing_had_happened() -> None:
+    one, other = a_filter(seed=3, particles=500), a_filter(seed=4, particles=700)
+    for _ in range(3):
+        one.propagate(moved(0.1, 0.0, 0.05))
+        one.update(hills(PLACES, HERE, THERE))
+    told = one.state()
+    arrays, header = one.snapshot()
+    other.restore({name: array.copy() for name, array in arrays.items()}, header)
+    assert other.state().best_place_votes == told.best_place_votes
+    for belief in (one, other):
+        belief.propagate(moved(0.1, 0.0, 0.05))
+        belief.update(hills(PLACES, THERE))
+    assert np.array_equal(one.poses, other.poses)
+    assert np.array_equal(one.log_weights, other.log_weights)
+    assert one.state().match == other.state().match
+
+
+@pytest.mark.parametrize("spoil", ["poses", "log_weights", "header"])
+def test_a_state_that_does_not_fit_changes_nothing(spoil: str) -> None:
+    belief = a_filter()
+    arrays, header = belief.snapshot()
+    arrays, header = {name: array.copy() for name, array in arrays.items()}, dict(header)
+    if spoil == "header":
+        del header["_fit"]
+    else:
+        arrays[spoil] = arrays[spoil][:-1]
+    before = belief.poses.copy()
+    with pytest.raises((KeyError, ValueError)):
+        belief.restore(arrays, header)
+    assert np.array_equal(belief.poses, before)

@@ -18,11 +18,11 @@ def some_particles(rng: np.random.Generator, count: int) -> np.ndarray:
 @pytest.mark.parametrize("sds", [(0.0, 0.0, 0.0, 0.0), (0.3, 0.0, 0.0, 0.0), (0.1, 0.2, 0.3, 0.4), (0.0, 0.0, 0.1, 2.0)])
 def test_propagate_agrees_with_numpy(variant, sds: tuple[float, float, float, float]) -> None:
     rng = np.random.default_rng(1)
-    particles_, key, step, first = some_particles(rng, 300), 2**62 + 12345, 7, 2**32 - 100
-    normals = naive.normals(key, step, 0, first, 300)
+    particles_, key, step = some_particles(rng, 300), 2**62 + 12345, 7
+    normals = naive.normals(key, step, 0, 0, 300)
     for first_turn, along, across, last_turn in rng.uniform(-3.0, 3.0, (3, 4)):
         motion = (first_turn, along, across, last_turn)
-        moved = variant(particles.propagate)(particles_, *motion, *sds, key, step, first)
+        moved = variant(particles.propagate)(particles_, *motion, *sds, key, step, 0, 300)
         expected = naive.propagate(particles_, (first_turn, last_turn), (along, across), (sds[0], sds[3]), sds[1:3], normals)
         assert np.abs(moved[:2] - expected[:2]).max() < 1e-12
         assert np.abs(angle_difference(moved[2], expected[2])).max() < 1e-12
@@ -36,7 +36,7 @@ def test_propagate_agrees_with_numpy(variant, sds: tuple[float, float, float, fl
 @example(heading=np.nextafter(np.pi, 0.0), turn=0.0)
 def test_propagated_headings_stay_in_the_range(variant, heading: float, turn: float) -> None:
     one = np.array([[0.0], [0.0], [heading]])
-    moved = variant(particles.propagate)(one, turn, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1, 2, 0)
+    moved = variant(particles.propagate)(one, turn, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1, 2, 0, 1)
     assert -np.pi <= moved[2, 0] < np.pi
 
 
@@ -44,14 +44,14 @@ def test_standing_still_moves_nothing_at_all(variant) -> None:
     before = some_particles(np.random.default_rng(2), 200)
     still = before
     for step in range(20):
-        still = variant(particles.propagate)(still, *[0.0] * 8, 3, step, 0)
+        still = variant(particles.propagate)(still, *[0.0] * 8, 3, step, 0, 200)
     assert np.array_equal(still, before)
 
 
 def test_noise_is_as_wide_as_asked(variant) -> None:
     count = 4000
     start = np.tile([[0.0], [0.0], [1.0]], (1, count))
-    moved = variant(particles.propagate)(start, -1.0, 2.0, 0.0, 0.5, 0.0, 0.2, 0.3, 0.1, 5, 6, 0)
+    moved = variant(particles.propagate)(start, -1.0, 2.0, 0.0, 0.5, 0.0, 0.2, 0.3, 0.1, 5, 6, 0, count)
     # Six standard errors of a standard deviation. The drive is along x: the first turn was back by as much as the heading.
     share = 6.0 / np.sqrt(2.0 * count)
     assert moved.std(axis=1) == pytest.approx([0.2, 0.3, 0.1], rel=share)
@@ -62,9 +62,9 @@ def test_noise_is_as_wide_as_asked(variant) -> None:
 def test_a_particle_moves_the_same_in_whatever_company(variant, cut: int) -> None:
     every, rest = some_particles(np.random.default_rng(8), 400), (0.3, 0.1, 0.02, -0.2, 0.1, 0.1, 0.1, 0.1, 2**40 + 3, 9)
     move = variant(particles.propagate)
-    whole = move(every, *rest, 0)
-    assert np.array_equal(whole[:, :cut], move(every[:, :cut].copy(), *rest, 0))
-    assert np.array_equal(whole[:, cut:], move(every[:, cut:].copy(), *rest, cut))
+    whole = move(every, *rest, 0, 400)
+    assert np.array_equal(whole[:, :cut], move(every, *rest, 0, cut))
+    assert np.array_equal(whole[:, cut:], move(every, *rest, cut, 400))
 
 
 def random_field(rng: np.random.Generator, headings: int, places: int) -> tuple:
@@ -114,3 +114,25 @@ def test_cells_and_their_moments_agree_with_numpy(variant, turns: int) -> None:
     moments = variant(particles.cell_moments)(some, weights, slots, centres, -5.4, -5.4, turns)
     assert moments == pytest.approx(naive.cell_moments(some, weights, slots, centres, -5.4, -5.4, turns), abs=1e-12)
     assert moments[:, 0].sum() == pytest.approx(weights.sum())
+
+
+@pytest.mark.parametrize(("cells", "turns"), [(1, 24), (30, 24), (120, 24), (300, 3)])
+def test_links_agree_with_flooding(variant, cells: int, turns: int) -> None:
+    rng = np.random.default_rng(cells)
+    rows, columns = 12, 10
+    # None at the rim.
+    inner = rng.integers(1, columns - 1, cells) * rows + rng.integers(1, rows - 1, cells)
+    occupied = np.unique(inner * turns + rng.integers(0, turns, cells))
+    heavy = rng.random(len(occupied)) < 0.7
+    heavy[0] = True
+    labels = variant(particles.link_cells)(occupied, heavy, rows, turns)
+    flooded, touch = naive.link_cells(occupied, heavy, rows, turns)
+    for one in range(len(occupied)):
+        if heavy[one]:
+            assert np.array_equal(labels[heavy] == labels[one], flooded[heavy] == flooded[one])
+        elif (touch[one] & heavy).any():
+            assert labels[one] in labels[touch[one] & heavy]
+        else:
+            assert np.sum(labels == labels[one]) == 1
+    firsts = [int(np.flatnonzero(labels == label)[0]) for label in range(labels.max() + 1)]
+    assert firsts == sorted(firsts)

@@ -78,6 +78,18 @@ def cell_moments(particles, weights, slots, centres, origin_x, origin_y, turns):
     return out
 
 
+def link_cells(occupied, heavy, rows, turns):
+    """Flooding from heavy cell to heavy cell; a light cell takes a label of one of the heavy ones around it, or its own."""
+    place, turn = np.divmod(occupied, turns)
+    column, row = np.divmod(place, rows)
+    off = (turn[:, None] - turn + turns // 2) % turns - turns // 2
+    touch = (abs(column[:, None] - column) <= 1) & (abs(row[:, None] - row) <= 1) & (abs(off) <= 1)
+    labels = np.arange(len(occupied))
+    for _ in occupied:
+        labels = np.array([labels[touch[i] & heavy].min() if heavy[i] else labels[i] for i in range(len(occupied))])
+    return labels, touch
+
+
 def trimmed_coefficients(design, observed, keep, trim_to):
     """Every step solved anew by np.linalg.lstsq over the pixels that are left."""
     n, t, p = design.shape
