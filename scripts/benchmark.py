@@ -24,6 +24,7 @@ from pathlib import Path
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 
+import benchmark_filter  # noqa: E402
 import benchmark_voting  # noqa: E402
 import cv2  # noqa: E402
 import numpy as np  # noqa: E402
@@ -172,6 +173,7 @@ def main() -> None:
         "--costs", action="store_true", help="only: cost against the number of places and headings, with a plot"
     )
     parser.add_argument("--voting", action="store_true", help="only: the paper's voting against plain NumPy")
+    parser.add_argument("--filter", action="store_true", help="only: the particle filter against NumPy and two packages")
     parser.add_argument("--out", type=Path, default=Path("results"), help="folder of the plot")
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
@@ -179,6 +181,10 @@ def main() -> None:
     print(f"{os.cpu_count()} cores, {arguments.repeats} repeats, medians, one thread")
     if arguments.voting:
         benchmark_voting.voting(read_dataset(path), arguments.repeats, interleaved)
+        return
+    if arguments.filter:
+        benchmark_filter.filter_speed(repeats=arguments.repeats)
+        benchmark_filter.filter_memory()
         return
     if arguments.build or arguments.costs:
         # Only here, as these sections import this module.
@@ -191,6 +197,7 @@ def main() -> None:
         return
     speed(read_dataset(path), arguments.repeats)
     benchmark_voting.voting(read_dataset(path), arguments.repeats, interleaved)
+    benchmark_filter.filter_speed([10_000, 100_000], arguments.repeats)
     startup(arguments.repeats)
     whole_run(str(path))
     print(f"\nPeak memory of this benchmark: {peak_memory_mb():.0f} MB")
