@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles import kernels as naive
 
-from panoloc_mcl.kernels import voting
+from panoloc_mcl.kernels import selection, voting
 from panoloc_mcl.observation.paper import in_both_orders, whitened
 
 
@@ -110,16 +110,16 @@ def test_the_limit_agrees_with_sorting(data: st.DataObject) -> None:
     values = np.array(data.draw(st.lists(number, min_size=1, max_size=60)), dtype=np.float32)
     wanted = data.draw(st.integers(1, len(values)))
     bits = values.view(np.int32)
-    limit, ties = voting.limit_of_smallest(bits, wanted, data.draw(st.integers(0, 0x7F800000)))
+    limit, ties = selection.limit_of_smallest(bits, wanted, data.draw(st.integers(0, 0x7F800000)))
     stays = bits <= limit
     stays[np.flatnonzero(bits == limit + 1)[:ties]] = True
     assert stays.sum() == wanted
     assert np.array_equal(np.sort(values[stays]), np.sort(values)[:wanted])
     rows = np.empty(len(values) + 1, dtype=np.int32)
-    number_gone = voting.leave_out(bits, limit, ties, rows)
+    number_gone = selection.leave_out(bits, limit, ties, rows)
     # What is infinite was left out before.
     assert np.array_equal(rows[:number_gone], np.flatnonzero(~stays & np.isfinite(values)))
-    assert voting.remaining((~stays).astype(np.uint8), rows) == wanted
+    assert selection.remaining((~stays).astype(np.uint8), rows) == wanted
     assert np.array_equal(rows[:wanted], np.flatnonzero(stays))
 
 
