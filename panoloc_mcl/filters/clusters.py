@@ -38,15 +38,18 @@ class Grid:
         Cells along y and around the circle; cell number = (column * rows + row) * turns + turn.
     occupied : int64 (m,)
         Numbers of the cells with particles, rising.
-    slots : int64 (n,)
-        Index in ``occupied`` of each particle's cell.
+    keys : int64 (n,)
+        Cell number of each particle, or what stands for it in ``table``.
+    table : int64 (k,)
+        Index in ``occupied`` by key.
     """
 
     origin: tuple[float, float]
     rows: int
     turns: int
     occupied: Int64
-    slots: Int64
+    keys: Int64
+    table: Int64
 
 
 def grid_of(particles: Float64, cell_m: float, turns: int) -> Grid:
@@ -59,11 +62,11 @@ def grid_of(particles: Float64, cell_m: float, turns: int) -> Grid:
     cells = columns * rows * turns
     if cells > max(_TABLE_CELLS, 4 * len(keys)):
         occupied, slots = np.unique(keys, return_inverse=True)
-        return Grid(origin, rows, turns, occupied, slots)
+        return Grid(origin, rows, turns, occupied, slots, np.arange(len(occupied)))
     occupied = np.flatnonzero(np.bincount(keys, minlength=cells))
     table = np.zeros(cells, dtype=np.int64)
     table[occupied] = np.arange(len(occupied))
-    return Grid(origin, rows, turns, occupied, table[keys])
+    return Grid(origin, rows, turns, occupied, keys, table)
 
 
 def find_clusters(poses: Float64, weights: Float64, most: int = 5) -> tuple[Cluster, ...]:
@@ -84,7 +87,7 @@ def find_clusters(poses: Float64, weights: Float64, most: int = 5) -> tuple[Clus
     grid = grid_of(particles, _CELL_M, _HEADING_CELLS)
     place, turn = np.divmod(grid.occupied, grid.turns)
     centres = (np.stack(np.divmod(place, grid.rows), axis=-1) + 0.5) * _CELL_M
-    moments = cell_moments(particles, weights, grid.slots, centres, *grid.origin, grid.turns)
+    moments = cell_moments(particles, weights, grid.keys, grid.table, centres, *grid.origin, grid.turns)
     heavy = moments[:, 0] >= _LINKING_SHARE * moments[:, 0].max()
     labels = link_cells(grid.occupied, heavy, grid.rows, grid.turns)
     masses = np.bincount(labels, weights=moments[:, 0])

@@ -19,7 +19,7 @@ from panoloc_mcl.filters.base import Start
 from panoloc_mcl.filters.blocks import BLOCK, Blocks
 from panoloc_mcl.filters.clusters import find_clusters, grid_of
 from panoloc_mcl.filters.estimate import Cluster, FilterState, Status
-from panoloc_mcl.filters.resampling import SCHEMES, adaptive_count, effective_count, normalised
+from panoloc_mcl.filters.resampling import SCHEMES, adaptive_count, effective_count, normalise, normalised
 from panoloc_mcl.geometry import angle_difference, compose, inverse, wrap_angle
 from panoloc_mcl.kernels.particles import propagate
 from panoloc_mcl.motion import Motion
@@ -152,8 +152,13 @@ class MonteCarloFilter:
 
         def weigh(block: slice) -> None:
             relative = votes.log_likelihood(votes.read(self._seen_from(poses[block], offset)))
+            if floor > 0.0:
+                np.exp(relative, out=relative)
+                relative *= 1.0 - floor
+                relative += floor
+                np.log(relative, out=relative)
             # Without a floor: far from the best cell exp() is 0; its logarithm must stay finite.
-            out[block] = relative if floor == 0.0 else np.log((1.0 - floor) * np.exp(relative) + floor)
+            out[block] = relative
 
         # What every block needs is worked out once, before threads meet it.
         _ = votes.peak, votes.places.raster
@@ -217,12 +222,11 @@ class MonteCarloFilter:
         # Evenly spread over all from a random start: like particles lie next to each other, so none of a kind goes altogether.
         replaced = (np.arange(count) * others // count + int(rng.integers(others))) % others
         kept = max(1.0 - mass, _TINY)
-        # As weights are shares of 1, so are these: the drawn ones have ``mass``, the others what is left.
-        self.log_weights += math.log(kept * float(self.weights.max())) - self.log_weights.max()
-        self.log_weights[replaced] = math.log(max(mass / count, _TINY))
+        # The log-weights of the others stay as they are; those of the drawn are measured against them.
+        scale = float(self.log_weights.max()) - math.log(float(self.weights.max()) * kept)
+        self.log_weights[replaced] = scale + math.log(max(mass / count, _TINY))
         self.weights *= kept
         self.weights[replaced] = mass / count
-        self.weights /= self.weights.sum()
         self.poses[replaced] = drawn
         log_likelihood[replaced] = self._field_log_likelihood(votes, offset, replaced)
         self._injected += count
@@ -233,7 +237,7 @@ class MonteCarloFilter:
         seen_from = self._seen_from(self.poses, offset)
         near = np.hypot(seen_from[:, 0] - pose[0], seen_from[:, 1] - pose[1]) < limits.converged_spread_m
         near &= np.abs(angle_difference(seen_from[:, 2], pose[2])) < np.radians(limits.converged_spread_deg)
-        return float(self.weights[near].sum())
+        return float(self.weights[near].sum() / self.weights.sum())
 
     def _injection_share(self) -> float:
         recovery = self.settings.recovery
@@ -254,8 +258,7 @@ class MonteCarloFilter:
             doubt = self.settings.measured_doubt
             fit = votes.measurement.relative_likelihood(self._seen_from(self.poses, offset))
             self.log_weights += np.log(doubt + (1.0 - doubt) * fit)
-        self.log_weights -= self.log_weights.max()
-        normalised(self.log_weights, out=self.weights)
+        normalise(self.log_weights, self.weights)
 
     def _resample(self, rng: np.random.Generator) -> None:
         """Draw the particles that go on, if the weights have become too uneven, or more or fewer are wanted."""

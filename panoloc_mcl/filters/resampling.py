@@ -24,17 +24,23 @@ SCHEMES: dict[str, Callable[[Float64, int, np.random.Generator], Int64]] = {
 }
 
 
-def normalised(log_weights: Float64, out: Float64 | None = None) -> Float64:
-    """Weights that sum to 1, float64 (n,), in ``out`` if given. Where no particle has any weight at all, all are equal."""
-    weights = np.empty_like(log_weights) if out is None else out
+def normalised(log_weights: Float64) -> Float64:
+    """Weights that sum to 1, float64 (n,). Where no particle has any weight at all, all are equal."""
+    weights = log_weights.copy()
+    normalise(weights, weights)
+    return weights
+
+
+def normalise(log_weights: Float64, weights: Float64) -> None:
+    """The same in place: log-weights are shifted so that the greatest is 0, and ``weights`` is filled (it may be the same array)."""
     top = log_weights.max()
     if not math.isfinite(top):
-        weights.fill(1.0 / len(log_weights))
-        return weights
-    np.subtract(log_weights, top, out=weights)
-    np.exp(weights, out=weights)
+        log_weights.fill(0.0)
+        weights.fill(1.0 / len(weights))
+        return
+    log_weights -= top
+    np.exp(log_weights, out=weights)
     weights /= weights.sum()
-    return weights
 
 
 def effective_count(weights: Float64) -> float:

@@ -28,7 +28,7 @@ def _read_field() -> tuple[Any, ...]:
 
 
 def _cell_moments() -> tuple[Any, ...]:
-    return _particles(), np.ones(4), np.zeros(4, dtype=np.int64), np.zeros((1, 2)), 0.0, 0.0, 24
+    return _particles(), np.ones(4), np.zeros(4, dtype=np.int64), np.zeros(1, dtype=np.int64), np.zeros((1, 2)), 0.0, 0.0, 24
 
 
 def _weights_and_uniforms() -> tuple[Any, ...]:

@@ -135,10 +135,21 @@ def read_field(
                 continue
             first = rows[i] * n_places
             second = first + n_places if rows[i] + 1 < n_headings else 0
-            before, after = np.float32(0.0), np.float32(0.0)
-            for j in range(cells[i], cells[i] + around):
-                before += shares[j] * votes[first + places[j]]
-                after += shares[j] * votes[second + places[j]]
+            j = cells[i]
+            if around == 4:
+                # The usual case written out: the sums then run side by side.
+                p, q, r, t = places[j], places[j + 1], places[j + 2], places[j + 3]
+                before = (shares[j] * votes[first + p] + shares[j + 1] * votes[first + q]) + (
+                    shares[j + 2] * votes[first + r] + shares[j + 3] * votes[first + t]
+                )
+                after = (shares[j] * votes[second + p] + shares[j + 1] * votes[second + q]) + (
+                    shares[j + 2] * votes[second + r] + shares[j + 3] * votes[second + t]
+                )
+            else:
+                before, after = np.float32(0.0), np.float32(0.0)
+                for k in range(j, j + around):
+                    before += shares[k] * votes[first + places[k]]
+                    after += shares[k] * votes[second + places[k]]
             out[start + i] = before + fractions[i] * (after - before)
     return out
 
@@ -175,7 +186,14 @@ def cells_of(particles: Float64, origin_x: float, origin_y: float, cell: float, 
 
 @kernel
 def cell_moments(
-    particles: Float64, weights: Float64, slots: Int64, centres: Float64, origin_x: float, origin_y: float, turns: int
+    particles: Float64,
+    weights: Float64,
+    keys: Int64,
+    table: Int64,
+    centres: Float64,
+    origin_x: float,
+    origin_y: float,
+    turns: int,
 ) -> Float64:
     """Weighted moments of the particles in each cell of a grid, about the cell's centre.
 
@@ -183,8 +201,10 @@ def cell_moments(
     ----------
     particles : float64 (3, n)
     weights : float64 (n,)
-    slots : int64 (n,)
-        Which of the cells each particle lies in.
+    keys : int64 (n,)
+        Cell number of each particle.
+    table : int64 (k,)
+        By cell number, which of the m cells it is.
     centres : float64 (m, 2)
         Position of the cells' centres from the origin, metres.
     origin_x, origin_y : float
@@ -199,7 +219,7 @@ def cell_moments(
     out = np.zeros((centres.shape[0], 10))
     width, per_radian = 2.0 * np.pi / turns, turns / (2.0 * np.pi)
     for i in range(particles.shape[1]):
-        slot = slots[i]
+        slot = table[keys[i]]
         w = weights[i]
         x = (particles[0, i] - origin_x) - centres[slot, 0]
         y = (particles[1, i] - origin_y) - centres[slot, 1]

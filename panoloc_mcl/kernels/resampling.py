@@ -46,7 +46,7 @@ def systematic(weights: Float64, offset: float, count: int) -> Int64:
         indices[begin] = i
         cumulative += weights[i]
         # How many targets (k + offset) / count lie below the share so far.
-        begin = min(max(int(np.ceil(cumulative * per_weight - offset)), begin), count)
+        begin = min(int(np.ceil(cumulative * per_weight - offset)), count)
     newest = 0
     for k in range(count):
         newest = max(newest, indices[k])

@@ -398,3 +398,19 @@ def test_a_state_that_does_not_fit_changes_nothing(spoil: str) -> None:
     with pytest.raises((KeyError, ValueError)):
         belief.restore(arrays, header)
     assert np.array_equal(belief.poses, before)
+
+
+@pytest.mark.parametrize("mass", [0.02, 0.3, 1.0])
+def test_injected_particles_have_the_mass_that_they_are_given(mass: float) -> None:
+    belief = a_filter(Start((1.0, 1.0), 0.5), resampling=ResamplingSettings(below=0.0))
+    belief.update(hills(PLACES, HERE))
+    rng = np.random.default_rng(0)
+    for place in (HERE + 0.01, THERE):
+        poses, before = belief.poses.copy(), belief.weights.copy()
+        belief._inject(np.tile(place, (100, 1)), mass, hills(PLACES, HERE), None, np.zeros(1000), rng)
+        new = np.any(belief.poses != poses, axis=1)
+        assert new.sum() == 100
+        assert belief.weights[new] == pytest.approx(mass / 100)
+        assert belief.weights[~new] == pytest.approx(before[~new] * (1.0 - mass), abs=1e-15)
+        shares = np.exp(belief.log_weights - belief.log_weights.max())
+        assert shares / shares.sum() == pytest.approx(belief.weights / belief.weights.sum(), rel=1e-9, abs=1e-15)

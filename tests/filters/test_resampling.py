@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from panoloc_mcl.config.model import AdaptiveSettings
-from panoloc_mcl.filters.resampling import SCHEMES, adaptive_count, effective_count, normalised
+from panoloc_mcl.filters.resampling import SCHEMES, adaptive_count, effective_count, normalise, normalised
 
 
 @settings(max_examples=100, deadline=None)
@@ -16,9 +16,11 @@ def test_weights_are_shares_whatever_the_constant(logs: list[float], constant: f
     assert weights.sum() == pytest.approx(1.0)
     assert np.all((weights >= 0.0) & (weights <= 1.0))
     assert normalised(log_weights + constant) == pytest.approx(weights, rel=1e-6, abs=1e-9)
-    out = np.empty_like(log_weights)
-    assert normalised(log_weights, out=out) is out
+    shifted, out = log_weights.copy(), np.empty_like(log_weights)
+    normalise(shifted, out)
     assert np.array_equal(out, weights)
+    assert shifted.max() == 0.0
+    assert np.array_equal(log_weights, logs)
 
 
 @pytest.mark.parametrize("bad", [-np.inf, np.nan])
