@@ -264,6 +264,7 @@ def plot(by_places: np.ndarray, by_headings: np.ndarray, path: Path) -> None:
         return
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
+    from matplotlib.ticker import NullLocator
 
     figure, axes = plt.subplots(1, 2, figsize=(9.0, 3.6), constrained_layout=True)
     for axis, table, label, second in (
@@ -274,6 +275,8 @@ def plot(by_places: np.ndarray, by_headings: np.ndarray, path: Path) -> None:
         axis.loglog(table[:, 0], 1e3 * table[:, 1], "o-", label="vote field")
         axis.loglog(table[:, 0], 1e3 * table[:, 2], "s--", label=second)
         axis.set_xlabel(label)
+        axis.set_xticks(np.unique(table[:, 0]), [f"{value:.0f}" for value in np.unique(table[:, 0])])
+        axis.xaxis.set_minor_locator(NullLocator())
         axis.set_ylabel("ms an image, one thread")
         axis.grid(True, which="both", alpha=0.3)
         axis.legend()

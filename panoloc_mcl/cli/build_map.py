@@ -26,6 +26,8 @@ def execute(args: argparse.Namespace) -> int:
     with monitor() as watching:
         folder = resolve_dataset(config.dataset, lambda done, total: watching.progress(done, total, "rendering"))
         built = PanoramaMap.build(read_dataset(folder), config.observation, config.seed, watching.progress)
+        for note in built.notes:
+            watching.notice(f"map: {note}")
         built.save(args.output)
     geometry = built.geometry
     print(

@@ -166,6 +166,13 @@ class TestMaps:
         assert done.code == 2
         assert sorted(path.name for path in tmp_path.iterdir()) == ["room", "taken", "work"]
 
+    def test_build_map_says_what_the_user_should_know_of_the_map(self, panoloc, small_room, tmp_path):
+        file = small_room / "dataset.yaml"
+        file.write_text("\n".join(line for line in file.read_text().splitlines() if "height_m" not in line))
+        done = panoloc("build-map", small_room, "-o", tmp_path / "a.panomap")
+        assert done.code == 0
+        assert "map: no virtual places: the camera's height is not known" in done.err
+
 
 class TestOutput:
     def test_file_where_the_folder_should_be(self, run_small, tmp_path):
