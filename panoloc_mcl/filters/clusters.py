@@ -58,12 +58,13 @@ def grid_of(particles: Float64, cell_m: float, turns: int) -> Grid:
     columns, rows = (int(particles[axis].max() / cell_m - low) + 3 for axis, low in ((0, x), (1, y)))
     # A rim of one cell, so that neighbours of a cell never are those of the next row.
     origin = (float(x - 1.0) * cell_m, float(y - 1.0) * cell_m)
-    keys = cells_of(particles, *origin, cell_m, rows, turns)
     cells = columns * rows * turns
-    if cells > max(_TABLE_CELLS, 4 * len(keys)):
+    if cells > max(_TABLE_CELLS, 4 * particles.shape[1]):
+        keys, _ = cells_of(particles, *origin, cell_m, rows, turns, 0)
         occupied, slots = np.unique(keys, return_inverse=True)
         return Grid(origin, rows, turns, occupied, slots, np.arange(len(occupied)))
-    occupied = np.flatnonzero(np.bincount(keys, minlength=cells))
+    keys, marked = cells_of(particles, *origin, cell_m, rows, turns, cells)
+    occupied = np.flatnonzero(marked)
     table = np.zeros(cells, dtype=np.int64)
     table[occupied] = np.arange(len(occupied))
     return Grid(origin, rows, turns, occupied, keys, table)

@@ -104,7 +104,7 @@ EXAMPLES: dict[str, Callable[[], tuple[Any, ...]]] = {
     "gradients.normalised_gradients": _normalised_gradients,
     "gradients.plain_gradients": lambda: _normalised_gradients()[:3],
     "particles.cell_moments": _cell_moments,
-    "particles.cells_of": lambda: (_particles(), -1.0, -1.0, 0.4, 5, 24),
+    "particles.cells_of": lambda: (_particles(), -1.0, -1.0, 0.4, 5, 24, 600),
     "particles.link_cells": lambda: (np.array([9, 10]), np.ones(2, dtype=np.bool_), 5, 3),
     "particles.propagate": _propagate,
     "particles.read_field": _read_field,

@@ -155,7 +155,9 @@ def read_field(
 
 
 @kernel
-def cells_of(particles: Float64, origin_x: float, origin_y: float, cell: float, rows: int, turns: int) -> Int64:
+def cells_of(
+    particles: Float64, origin_x: float, origin_y: float, cell: float, rows: int, turns: int, cells: int
+) -> tuple[Int64, Bool]:
     """Number of the grid cell over position and heading that each particle lies in: (column * rows + row) * turns + turn.
 
     Parameters
@@ -167,12 +169,16 @@ def cells_of(particles: Float64, origin_x: float, origin_y: float, cell: float, 
         Side, metres.
     rows, turns : int
         Cells along y, and around the circle; the first of these begins at -pi.
+    cells : int
+        Cells of the grid; 0 = do not mark them.
 
     Returns
     -------
-    int64 (n,)
+    keys : int64 (n,)
+    marked : bool (cells,)
+        Which cells hold particles.
     """
-    out = np.empty(particles.shape[1], dtype=np.int64)
+    keys, marked = np.empty(particles.shape[1], dtype=np.int64), np.zeros(cells, dtype=np.bool_)
     per_metre, per_radian = 1.0 / cell, turns / (2.0 * np.pi)
     for i in range(particles.shape[1]):
         column = int((particles[0, i] - origin_x) * per_metre)
@@ -180,8 +186,10 @@ def cells_of(particles: Float64, origin_x: float, origin_y: float, cell: float, 
         turn = int(np.floor((particles[2, i] + np.pi) * per_radian))
         if not 0 <= turn < turns:
             turn %= turns
-        out[i] = (column * rows + row) * turns + turn
-    return out
+        keys[i] = (column * rows + row) * turns + turn
+        if cells > 0:
+            marked[keys[i]] = True
+    return keys, marked
 
 
 @kernel

@@ -107,7 +107,9 @@ def test_cells_and_their_moments_agree_with_numpy(variant, turns: int) -> None:
     rng = np.random.default_rng(7)
     some, weights = some_particles(rng, 400), rng.random(400)
     some[2, :50] += rng.integers(-2, 3, 50) * 2.0 * np.pi
-    keys = variant(particles.cells_of)(some, -5.4, -5.4, 0.6, 20, turns)
+    keys, marked = variant(particles.cells_of)(some, -5.4, -5.4, 0.6, 20, turns, 20 * 20 * turns)
+    assert np.array_equal(np.flatnonzero(marked), np.unique(keys))
+    assert np.array_equal(variant(particles.cells_of)(some, -5.4, -5.4, 0.6, 20, turns, 0)[0], keys)
     assert np.array_equal(keys, naive.cells_of(some, -5.4, -5.4, 0.6, 20, turns))
     occupied, slots = np.unique(keys, return_inverse=True)
     centres = (np.stack(np.divmod(occupied // turns, 20), axis=-1) + 0.5) * 0.6
