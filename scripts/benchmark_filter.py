@@ -3,9 +3,11 @@
     python scripts/benchmark_filter.py [--particles 10000 100000 1000000] [--repeats N]
 
 A cycle is predict (a drive with noise), weight (an interpolated look-up in a vote field), resample and estimate. All get the same
-field and the same motion. What this package's filter does beyond that (recovery, clusters, status) is in its time; the others give
-mean and covariance. The packages come with ``pip install "panoloc-mcl[benchmark]"``; those that are missing are left out.
-(`particles` 0.4 asks for NumPy below 2, but does what is asked of it here with NumPy 2, too: install it with ``--no-deps``.)
+field and the same motion, and resample every time. What this package's filter does beyond that (clusters and status, and in one row
+recovery) is in its time; the others give mean and covariance.
+
+The packages come with ``pip install "panoloc-mcl[benchmark]"``; those that are missing are left out. (`particles` 0.4 asks for NumPy
+below 2, but does what is asked of it here with NumPy 2, too: install it with ``--no-deps``.)
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import numpy as np  # noqa: E402
 
-from panoloc_mcl.config.model import MonteCarloSettings, StatusSettings  # noqa: E402
+from panoloc_mcl.config.model import MonteCarloSettings, RecoverySettings, ResamplingSettings, StatusSettings  # noqa: E402
 from panoloc_mcl.filters import MonteCarloFilter, Start  # noqa: E402
 from panoloc_mcl.geometry import angle_difference  # noqa: E402
 from panoloc_mcl.motion import Motion  # noqa: E402
@@ -54,9 +56,14 @@ def steps() -> tuple[Motion, Motion]:
     return there, there.reversed()
 
 
-def ours(field: VoteField, count: int, threads: int = 1) -> Callable[[], object]:
-    """One cycle of this package's filter."""
-    settings = MonteCarloSettings(particles=count, threads=threads)
+def ours(field: VoteField, count: int, threads: int = 1, recovery: bool = True) -> Callable[[], object]:
+    """One cycle of this package's filter; without recovery it does no more than the others do."""
+    settings = MonteCarloSettings(
+        particles=count,
+        threads=threads,
+        resampling=ResamplingSettings(below=1.0),
+        recovery=RecoverySettings() if recovery else RecoverySettings(min_share=0.0, max_share=0.0),
+    )
     belief = MonteCarloFilter(field.places, START, settings, StatusSettings(), np.random.default_rng(0))
     ways, state = steps(), {"count": 0}
 
@@ -205,7 +212,11 @@ def filter_speed(counts: Sequence[int] = (10_000, 100_000, 1_000_000), repeats: 
     print("| particles | what | clock, median | processor, median | faster than NumPy, clock | processor |")
     print("|---|---|---|---|---|---|")
     for count in counts:
-        tasks = {"this filter": ours(field, count), "this filter, 2 threads": ours(field, count, 2)}
+        tasks = {
+            "this filter": ours(field, count, recovery=False),
+            "this filter with recovery": ours(field, count),
+            "this filter with recovery, 2 threads": ours(field, count, threads=2),
+        }
         tasks["NumPy, float64"] = numpy_cycle(field, count)
         for name, make in (("particles", particles_cycle), ("filterpy", filterpy_cycle)):
             try:

@@ -22,6 +22,7 @@ from panoloc_mcl.filters.estimate import Cluster, FilterState, Status
 from panoloc_mcl.filters.resampling import SCHEMES, adaptive_count, effective_count, normalise, normalised
 from panoloc_mcl.geometry import angle_difference, compose, inverse, wrap_angle
 from panoloc_mcl.kernels.particles import propagate
+from panoloc_mcl.kernels.resampling import taken
 from panoloc_mcl.motion import Motion
 from panoloc_mcl.observation.field import VoteField
 from panoloc_mcl.observation.places import Places
@@ -133,41 +134,38 @@ class MonteCarloFilter:
             self._match = math.nan
             return
         rng = self._next_step()
-        log_likelihood = self._field_log_likelihood(votes, offset)
-        self._judge(log_likelihood)
-        self._recover(votes, offset, log_likelihood, rng)
-        self._reweight(votes, offset, log_likelihood)
-        self._judge_posterior(log_likelihood)
-        del log_likelihood
+        likelihood = self._field_likelihood(votes, offset)
+        self._judge(likelihood)
+        self._recover(votes, offset, likelihood, rng)
+        self._reweight(votes, offset, likelihood)
+        self._judge_posterior(likelihood)
+        del likelihood
         self._resample(rng)
 
     def _seen_from(self, poses: Float64, offset: Motion | None) -> Float64:
         return poses if offset is None else compose(poses, offset.increment)
 
-    def _field_log_likelihood(self, votes: VoteField, offset: Motion | None, chosen: Int64 | None = None) -> Float64:
-        """Relative to the field's best cell, so 0 at most (but for interpolation); the floor keeps it finite."""
+    def _field_likelihood(self, votes: VoteField, offset: Motion | None, chosen: Int64 | None = None) -> Float64:
+        """Relative to the field's best cell, so 1 at most (but for interpolation), and at least the floor."""
         poses = self.poses if chosen is None else self.poses[chosen]
         out = np.empty(len(poses))
         floor = self.settings.floor
 
         def weigh(block: slice) -> None:
-            relative = votes.log_likelihood(votes.read(self._seen_from(poses[block], offset)))
-            if floor > 0.0:
-                np.exp(relative, out=relative)
-                relative *= 1.0 - floor
-                relative += floor
-                np.log(relative, out=relative)
-            # Without a floor: far from the best cell exp() is 0; its logarithm must stay finite.
-            out[block] = relative
+            likelihood = votes.log_likelihood(votes.read(self._seen_from(poses[block], offset)))
+            np.exp(likelihood, out=likelihood)
+            likelihood *= 1.0 - floor
+            likelihood += floor
+            out[block] = likelihood
 
         # What every block needs is worked out once, before threads meet it.
         _ = votes.peak, votes.places.raster
         self._blocks.each(weigh, len(poses))
         return out
 
-    def _judge(self, log_likelihood: Float64) -> None:
+    def _judge(self, likelihood: Float64) -> None:
         """How much of the best cell's likelihood the prediction explains, now and in the running averages."""
-        self._match = self._explained(log_likelihood)
+        self._match = self._explained(likelihood)
         if math.isnan(self._match_slow):
             self._match_slow = self._match_fast = self._match
             return
@@ -175,23 +173,24 @@ class MonteCarloFilter:
         self._match_slow += recovery.slow * (self._match - self._match_slow)
         self._match_fast += recovery.fast * (self._match - self._match_fast)
 
-    def _judge_posterior(self, log_likelihood: Float64) -> None:
+    def _judge_posterior(self, likelihood: Float64) -> None:
         """Running share of the best votes that the belief explains once it has seen the image: low where images do not fit it.
 
         Before the image a wide belief explains little, too, for instance after a long way without images.
         """
-        fit = self._explained(log_likelihood)
+        fit = self._explained(likelihood)
         self._fit = fit if math.isnan(self._fit) else self._fit + self.settings.recovery.fast * (fit - self._fit)
 
-    def _explained(self, log_likelihood: Float64) -> float:
+    def _explained(self, likelihood: Float64) -> float:
         blocks = [slice(start, start + BLOCK) for start in range(0, len(self.weights), BLOCK)]
-        return float(sum(self.weights[block] @ np.exp(log_likelihood[block]) for block in blocks))
+        return float(sum(self.weights[block] @ likelihood[block] for block in blocks))
 
-    def _recover(self, votes: VoteField, offset: Motion | None, log_likelihood: Float64, rng: np.random.Generator) -> None:
+    def _recover(self, votes: VoteField, offset: Motion | None, likelihood: Float64, rng: np.random.Generator) -> None:
         """Replace a share of the particles by poses drawn from the image; all are weighed alike afterwards."""
         share = self._injection_share()
-        drawn = votes.sample(int(share * len(self.poses)), rng)
-        self._inject(drawn, share, votes, offset, log_likelihood, rng)
+        count = int(share * len(self.poses))
+        if count > 0:
+            self._inject(votes.sample(count, rng), share, votes, offset, likelihood, rng)
         measurement = votes.measurement
         if measurement is not None:
             # The measured pose is far sharper than the particles are dense: without some at it, none would ever meet it.
@@ -201,7 +200,7 @@ class MonteCarloFilter:
             drawn[:, 2] = wrap_angle(drawn[:, 2])
             # Where the belief is not, they weigh no more than the chance that the robot was carried there.
             expected = min(1.0, self._mass_near(measurement.pose, offset) + share)
-            self._inject(drawn, measured_share * expected, votes, offset, log_likelihood, rng)
+            self._inject(drawn, measured_share * expected, votes, offset, likelihood, rng)
 
     def _inject(
         self,
@@ -209,7 +208,7 @@ class MonteCarloFilter:
         mass: float,
         votes: VoteField,
         offset: Motion | None,
-        log_likelihood: Float64,
+        likelihood: Float64,
         rng: np.random.Generator,
     ) -> None:
         """Put poses at the image's time in the place of as many others, with a total weight of ``mass``."""
@@ -228,7 +227,7 @@ class MonteCarloFilter:
         self.weights *= kept
         self.weights[replaced] = mass / count
         self.poses[replaced] = drawn
-        log_likelihood[replaced] = self._field_log_likelihood(votes, offset, replaced)
+        likelihood[replaced] = self._field_likelihood(votes, offset, replaced)
         self._injected += count
 
     def _mass_near(self, pose: Float64, offset: Motion | None) -> float:
@@ -251,9 +250,12 @@ class MonteCarloFilter:
             self._match_fast = self._match_slow
         return share
 
-    def _reweight(self, votes: VoteField, offset: Motion | None, log_likelihood: Float64) -> None:
+    def _reweight(self, votes: VoteField, offset: Motion | None, likelihood: Float64) -> None:
         """Multiply the weights by the likelihood: that of the vote field, and of the measured pose where there is one."""
-        self.log_weights += log_likelihood
+        if self.settings.floor == 0.0:
+            # Far from the best cell there may be nothing left; a logarithm must stay finite.
+            likelihood = np.maximum(likelihood, _TINY)
+        self.log_weights += np.log(likelihood)
         if votes.measurement is not None:
             doubt = self.settings.measured_doubt
             fit = votes.measurement.relative_likelihood(self._seen_from(self.poses, offset))
@@ -275,7 +277,7 @@ class MonteCarloFilter:
         elif self._effective < settings.resampling.below * count:
             chosen = draw(weights, count, rng)
             for row in self.poses.T:
-                row[:] = row[chosen]
+                row[:] = taken(row, chosen)
         else:
             return
         self._weigh_alike()

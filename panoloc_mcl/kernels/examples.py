@@ -116,6 +116,7 @@ EXAMPLES: dict[str, Callable[[], tuple[Any, ...]]] = {
     "resampling.residual": _weights_and_uniforms,
     "resampling.stratified": _weights_and_uniforms,
     "resampling.systematic": lambda: (np.ones(4), 0.5, 4),
+    "resampling.taken": lambda: (np.ones(4), np.arange(3)),
     "selection.count_up_to": lambda: (_integers(), np.int32(2)),
     "selection.leave_out": lambda: (_integers(), 2, 0, _integers(5)),
     "selection.limit_of_smallest": lambda: (_integers(), 2, 1 << 29),

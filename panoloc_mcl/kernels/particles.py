@@ -154,7 +154,7 @@ def read_field(
     return out
 
 
-@kernel
+@vector_kernel
 def cells_of(
     particles: Float64, origin_x: float, origin_y: float, cell: float, rows: int, turns: int, cells: int
 ) -> tuple[Int64, Bool]:
@@ -192,7 +192,7 @@ def cells_of(
     return keys, marked
 
 
-@kernel
+@vector_kernel
 def cell_moments(
     particles: Float64,
     weights: Float64,
