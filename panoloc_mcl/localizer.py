@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 from threadpoolctl import ThreadpoolController
 
 from panoloc_mcl.camera import Camera
-from panoloc_mcl.config.model import InitialPose, RunConfig
+from panoloc_mcl.config.localizer import InitialPose
+from panoloc_mcl.config.model import RunConfig
 from panoloc_mcl.errors import ConfigError, ImageError, StateError
 from panoloc_mcl.files import read_arrays, write_arrays
 from panoloc_mcl.filters import Estimate, KalmanOrientationFilter, MonteCarloFilter, PoseFilter, Start

@@ -28,7 +28,12 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import numpy as np  # noqa: E402
 
-from panoloc_mcl.config.model import MonteCarloSettings, RecoverySettings, ResamplingSettings, StatusSettings  # noqa: E402
+from panoloc_mcl.config.localizer import (  # noqa: E402
+    MonteCarloSettings,
+    RecoverySettings,
+    ResamplingSettings,
+    StatusSettings,
+)
 from panoloc_mcl.filters import MonteCarloFilter, Start  # noqa: E402
 from panoloc_mcl.geometry import angle_difference  # noqa: E402
 from panoloc_mcl.motion import Motion  # noqa: E402

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from panoloc_mcl.config.model import InitialPose, LocalizerSettings, RunConfig
+from panoloc_mcl.config.localizer import InitialPose, LocalizerSettings
+from panoloc_mcl.config.model import RunConfig
 from panoloc_mcl.datasets import Dataset, read_image
 from panoloc_mcl.errors import ConfigError, OutputError, StateError
 from panoloc_mcl.filters import Estimate, Status

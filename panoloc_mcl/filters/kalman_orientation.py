@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.config.model import KalmanSettings, StatusSettings
+from panoloc_mcl.config.localizer import KalmanSettings, StatusSettings
 from panoloc_mcl.filters.base import Start
 from panoloc_mcl.filters.estimate import Cluster, FilterState, Status
 from panoloc_mcl.geometry import angle_difference, wrap_angle

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.config.model import MonteCarloSettings, StatusSettings
+from panoloc_mcl.config.localizer import MonteCarloSettings, StatusSettings
 from panoloc_mcl.filters.base import Start
 from panoloc_mcl.filters.blocks import BLOCK, Blocks
 from panoloc_mcl.filters.clusters import find_clusters, grid_of

@@ -9,7 +9,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.config.model import AdaptiveSettings
+from panoloc_mcl.config.localizer import AdaptiveSettings
 from panoloc_mcl.kernels import resampling as kernels
 
 Float64 = NDArray[np.float64]

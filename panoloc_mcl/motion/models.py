@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.config.model import MotionSettings
+from panoloc_mcl.config.localizer import MotionSettings
 from panoloc_mcl.geometry import between, wrap_angle
 
 Float64 = NDArray[np.float64]

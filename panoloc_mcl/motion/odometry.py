@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.config.model import MotionSettings
+from panoloc_mcl.config.localizer import MotionSettings
 from panoloc_mcl.geometry import angle_difference, between, compose, interpolate, inverse, wrap_angle
 from panoloc_mcl.motion.models import NOISE_MODELS, Motion, blind, taken_apart
 

@@ -165,7 +165,7 @@ def test_faulty_options_are_named_together(faults):
 
 @pytest.mark.parametrize("key", ["particles", "adaptive.max_particles"])
 def test_more_particles_than_the_machine_can_hold(faults, write, monkeypatch, key):
-    monkeypatch.setattr("panoloc_mcl.config.model.physical_memory", lambda: 2**30)
+    monkeypatch.setattr("panoloc_mcl.config.localizer.physical_memory", lambda: 2**30)
     (found,) = faults("", f"localizer.monte_carlo.{key}=16777217")
     assert found.endswith(
         f"localizer.monte_carlo.{key} = 16777217: must be at most 16777216, as many as fit into this machine's 1.0 GiB of memory; "
@@ -175,5 +175,5 @@ def test_more_particles_than_the_machine_can_hold(faults, write, monkeypatch, ke
 
 
 def test_where_the_machine_does_not_tell_its_memory_any_count_is_taken(write, monkeypatch):
-    monkeypatch.setattr("panoloc_mcl.config.model.physical_memory", lambda: None)
+    monkeypatch.setattr("panoloc_mcl.config.localizer.physical_memory", lambda: None)
     load_config(write(""), ["localizer.monte_carlo.particles=1000000000000"])

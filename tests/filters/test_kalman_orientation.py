@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles.scenes import grid
 
-from panoloc_mcl.config.model import KalmanSettings, StatusSettings
+from panoloc_mcl.config.localizer import KalmanSettings, StatusSettings
 from panoloc_mcl.filters import KalmanOrientationFilter, Start, Status
 from panoloc_mcl.geometry import angle_difference, wrap_angle
 from panoloc_mcl.motion import Motion

@@ -3,7 +3,13 @@ import pytest
 from oracles.fields import STANDING, hills, moved
 from oracles.scenes import grid
 
-from panoloc_mcl.config.model import AdaptiveSettings, MonteCarloSettings, RecoverySettings, ResamplingSettings, StatusSettings
+from panoloc_mcl.config.localizer import (
+    AdaptiveSettings,
+    MonteCarloSettings,
+    RecoverySettings,
+    ResamplingSettings,
+    StatusSettings,
+)
 from panoloc_mcl.filters import MonteCarloFilter, Start, Status
 from panoloc_mcl.geometry import angle_difference, between, compose
 from panoloc_mcl.observation import Places, VoteField

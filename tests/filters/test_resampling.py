@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from panoloc_mcl.config.model import AdaptiveSettings
+from panoloc_mcl.config.localizer import AdaptiveSettings
 from panoloc_mcl.filters.resampling import SCHEMES, adaptive_count, effective_count, normalise, normalised
 
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from panoloc_mcl.config.model import MotionSettings
+from panoloc_mcl.config.localizer import MotionSettings
 from panoloc_mcl.geometry import angle_difference, between, compose
 from panoloc_mcl.motion import Motion, OdometryBuffer
 

@@ -5,7 +5,7 @@ import pytest
 from oracles.fields import hills, moved
 from oracles.scenes import grid
 
-from panoloc_mcl.config.model import MonteCarloSettings, StatusSettings
+from panoloc_mcl.config.localizer import MonteCarloSettings, StatusSettings
 from panoloc_mcl.filters import MonteCarloFilter, Start, Status
 from panoloc_mcl.geometry import angle_difference, compose
 from panoloc_mcl.measurement import PoseMeasurement

@@ -9,7 +9,8 @@ from pydantic import ValidationError
 
 from panoloc_mcl.camera import PanoramaCamera
 from panoloc_mcl.config import RunConfig
-from panoloc_mcl.config.model import KalmanSettings, ObservationSettings, StatusSettings
+from panoloc_mcl.config.localizer import KalmanSettings, StatusSettings
+from panoloc_mcl.config.model import ObservationSettings
 from panoloc_mcl.filters import KalmanOrientationFilter, Start, Status
 from panoloc_mcl.geometry import angle_difference
 from panoloc_mcl.localizer import Localizer
