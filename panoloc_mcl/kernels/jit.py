@@ -3,8 +3,8 @@
 Kernels are compiled at their first call, never at import, and cached on disk. ``error_model="numpy"`` lets a division by zero give
 infinity as in NumPy. No kernel may reorder sums or take NaN for impossible (``fastmath``), so NaN checks hold. What works on every
 particle is declared a `vector_kernel`: there alone a product and a sum may be rounded once instead of twice (``contract``), and
-the sign of zero is free (``nsz``), which makes polynomials a third faster and never less exact. Random threads share nothing:
-kernels release the interpreter's lock, and threads are those of Python (`panoloc_mcl.filters.threads`).
+the sign of zero is free (``nsz``), which makes polynomials a third faster and never less exact. Kernels release the interpreter's
+lock, so threads are those of Python (`panoloc_mcl.filters.blocks`).
 """
 
 from __future__ import annotations
