@@ -17,11 +17,11 @@ from numpy.typing import ArrayLike, NDArray
 from threadpoolctl import ThreadpoolController
 
 from panoloc_mcl.camera import Camera
-from panoloc_mcl.config.localizer import InitialPose
+from panoloc_mcl.config.localizer import InitialPose, LocalizerSettings
 from panoloc_mcl.config.model import RunConfig
 from panoloc_mcl.errors import ConfigError, ImageError, StateError
 from panoloc_mcl.files import read_arrays, write_arrays
-from panoloc_mcl.filters import Estimate, KalmanOrientationFilter, MonteCarloFilter, PoseFilter, Start
+from panoloc_mcl.filters import Estimate, KalmanOrientationFilter, MonteCarloFilter, OdometryOnlyFilter, PoseFilter, Start
 from panoloc_mcl.motion import Motion, OdometryBuffer, blind
 from panoloc_mcl.observation import ObservationModel, Places, VoteField
 from panoloc_mcl.observation.field import silent_field
@@ -76,7 +76,7 @@ class Localizer:
         self._observation = model or panorama_map.observation_model(config.observation)
         self._odometry = OdometryBuffer(self.settings.motion)
         rng = np.random.default_rng(config.seed if seed is None else seed)
-        self._filter = self._make_filter(self._observation.places, _start(self.settings.initial, start_pose), rng)
+        self._filter = self._make_filter(self._observation.places, _start(self.settings, start_pose), rng)
         self._time: float | None = None
         # Times of the images that were fused, as far back as late ones are taken.
         self._fused: list[float] = []
@@ -89,6 +89,8 @@ class Localizer:
     def _make_filter(self, places: Places, start: Start, rng: np.random.Generator) -> PoseFilter:
         if self.settings.mode == "monte_carlo":
             return MonteCarloFilter(places, start, self.settings.monte_carlo, self.settings.status, rng)
+        if self.settings.mode == "odometry_only":
+            return OdometryOnlyFilter(places, start, self.settings.status)
         return KalmanOrientationFilter(places, start, self.settings.kalman_orientation, self.settings.status, rng)
 
     def add_odometry(self, timestamp: float, pose: ArrayLike) -> None:
@@ -140,6 +142,16 @@ class Localizer:
             self._time = timestamp if offset is None else self._time
             self._remember(timestamp)
             return self._estimate("; ".join(part for part in (note, votes.problem) if part), votes, stage_ms)
+
+    @property
+    def particles(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Poses (n, 3) and weights (n,) of the belief; n = 0 in a mode without particles. Only to be looked at: the filter works on them."""
+        return self._filter.particles()
+
+    @property
+    def places(self) -> Places:
+        """The places that images vote for."""
+        return self._observation.places
 
     def _stamp_problem(self, timestamp: float) -> str:
         """Why the time stamp of an image cannot be used; empty when it can."""
@@ -328,6 +340,7 @@ def _that_count(config: RunConfig) -> dict[str, Any]:
     """The settings that a saved state depends on: not where it began, nor how many threads work."""
     settings = config.model_dump(mode="json")
     settings["localizer"].pop("initial")
+    settings["localizer"].pop("initial_heading_error_deg")
     settings["localizer"]["monte_carlo"].pop("threads")
     return {name: settings[name] for name in ("observation", "localizer")}
 
@@ -342,7 +355,8 @@ def _first_difference(saved: Any, now: Any, key: str = "") -> str:
     return "" if saved == now else f"{key or 'settings'} = {json.dumps(saved)}, now {json.dumps(now)}"
 
 
-def _start(initial: str | InitialPose, start_pose: tuple[float, float, float] | None) -> Start:
+def _start(settings: LocalizerSettings, start_pose: tuple[float, float, float] | None) -> Start:
+    initial = settings.initial
     if isinstance(initial, InitialPose):
         return Start(
             (initial.x, initial.y),
@@ -358,7 +372,7 @@ def _start(initial: str | InitialPose, start_pose: tuple[float, float, float] | 
             "give a mapping x, y, heading_deg, or use uniform"
         )
     x, y, heading = start_pose
-    return Start((x, y) if initial == "known_pose" else None, heading)
+    return Start((x, y) if initial == "known_pose" else None, heading + math.radians(settings.initial_heading_error_deg))
 
 
 @contextmanager

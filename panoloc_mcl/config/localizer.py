@@ -216,13 +216,22 @@ class GateSettings(StrictModel):
 class LocalizerSettings(StrictModel):
     """The localizer: which filter, from what start, and its parts."""
 
-    mode: Literal["monte_carlo", "kalman_orientation"] = Field(
-        "monte_carlo", description="monte_carlo: particle filter; kalman_orientation: the paper's tracker, the baseline."
+    mode: Literal["monte_carlo", "kalman_orientation", "odometry_only"] = Field(
+        "monte_carlo",
+        description="monte_carlo: particle filter; kalman_orientation: the paper's tracker, the baseline; odometry_only: dead "
+        "reckoning, images change nothing.",
     )
     initial: Literal["uniform", "known_heading", "known_pose"] | InitialPose = Field(
         "uniform",
         description="uniform: nothing known; known_heading, known_pose: from the ground truth of the sequence; "
         "or a mapping x, y, heading_deg, sd_position_m, sd_heading_deg.",
+    )
+    initial_heading_error_deg: float = Field(
+        0.0,
+        ge=-180.0,
+        le=180.0,
+        description="Added to the heading of known_heading and known_pose, which is believed to be right: what a wrong start costs, "
+        "degrees.",
     )
     monte_carlo: MonteCarloSettings = Field(default_factory=MonteCarloSettings, description="Settings of `monte_carlo`.")
     kalman_orientation: KalmanSettings = Field(default_factory=KalmanSettings, description="Settings of `kalman_orientation`.")

@@ -6,6 +6,7 @@ from panoloc_mcl.filters.base import PoseFilter, Start
 from panoloc_mcl.filters.estimate import Cluster, Estimate, FilterState, Status
 from panoloc_mcl.filters.kalman_orientation import KalmanOrientationFilter
 from panoloc_mcl.filters.monte_carlo import MonteCarloFilter
+from panoloc_mcl.filters.odometry_only import OdometryOnlyFilter
 
 __all__ = [
     "Cluster",
@@ -13,6 +14,7 @@ __all__ = [
     "FilterState",
     "KalmanOrientationFilter",
     "MonteCarloFilter",
+    "OdometryOnlyFilter",
     "PoseFilter",
     "Start",
     "Status",
