@@ -1,6 +1,6 @@
 """What one image tells by itself, position and heading unknown: errors by group of sequences, as Markdown.
 
-    python scripts/single_images.py [--dataset PATH_OR_NAME] [--every N] [--references all|checkerboard|every-2m]
+    python scripts/single_images.py [--dataset PATH_OR_NAME] [--every N] [--references all|checkerboard|fourth|every-2m]
                                     [--disturb CM DEG] [--seed SEED] [--worst N] [--set KEY=VALUE ...]
 
 Prints the errors of the vote field's best pose, and of the pose refined by synthesis. The map can be made worse than the data set is,
@@ -10,7 +10,6 @@ in memory: from a part of the references only, and with errors in their poses.
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 from collections import defaultdict
 from collections.abc import Sequence
@@ -25,11 +24,12 @@ from panoloc_mcl.config import config_from_mapping
 from panoloc_mcl.config.overrides import apply, parse_overrides
 from panoloc_mcl.datasets import Dataset, References, read_dataset, read_image, resolve_dataset
 from panoloc_mcl.datasets.splice import group_of
+from panoloc_mcl.datasets.thinning import thinned
 from panoloc_mcl.errors import ConfigError, PanolocError
 from panoloc_mcl.evaluation import wilson95
 from panoloc_mcl.geometry import angle_difference, wrap_angle
 from panoloc_mcl.map_cache import cached_map
-from panoloc_mcl.observation import ObservationModel, Places, VoteField
+from panoloc_mcl.observation import ObservationModel, VoteField
 
 Float64 = NDArray[np.float64]
 
@@ -71,7 +71,7 @@ def main(words: Sequence[str] | None = None) -> int:
         "--references",
         default="all",
         metavar="PART",
-        help="all; checkerboard: every second of a grid; every-2m: none nearer to another than 2 m (or any other distance)",
+        help="all; checkerboard: every second of a grid; fourth; every-2m: none nearer to another than 2 m (or any other distance)",
     )
     parser.add_argument(
         "--disturb",
@@ -94,7 +94,7 @@ def main(words: Sequence[str] | None = None) -> int:
             apply(settings, override)
         config = config_from_mapping(settings)
         dataset = read_dataset(resolve_dataset(arguments.dataset))
-        kept = thinned(dataset.references, arguments.references)
+        kept = thinned(dataset.references, arguments.references, "--references")
         used, errors = kept, ""
         if arguments.disturb is not None:
             used, errors = disturbed(kept, arguments.disturb[0] / 100.0, arguments.disturb[1], arguments.seed)
@@ -123,47 +123,6 @@ def main(words: Sequence[str] | None = None) -> int:
     if arguments.worst:
         print("\n" + _worst(groups, arguments.worst), end="")
     return 0
-
-
-def thinned(references: References, part: str) -> References:
-    """A part of the references: row by row, each that is far enough from all that were kept before it.
-
-    On a grid a checkerboard keeps every second reference (what is nearer than a cell's diagonal goes), and ``every-2m`` on a
-    grid of 1 m every fourth; scattered references thin out to that distance.
-
-    Parameters
-    ----------
-    references : References
-    part : str
-        ``all``, ``checkerboard``, or ``every-Dm`` with a distance D in metres.
-
-    Raises
-    ------
-    ConfigError
-        Another word, or fewer than 2 references left.
-    """
-    positions = references.poses[:, :2]
-    spacing = Places(positions).spacing
-    match = re.fullmatch(r"every-(\d+(?:\.\d+)?)m", part)
-    if part == "all":
-        return references
-    if part == "checkerboard":
-        distance = np.sqrt(2.0) * spacing
-    elif match:
-        distance = float(match[1])
-    else:
-        raise ConfigError(f"--references {part}: no such part; use all, checkerboard, or a distance like every-2m")
-    # Rows of a grid are told apart to a tenth of its spacing.
-    order = np.lexsort((positions[:, 0], np.rint(positions[:, 1] / (0.1 * spacing))))
-    kept: list[int] = []
-    for index in order:
-        apart = np.hypot(*(positions[kept] - positions[index]).T)
-        if np.all(apart >= distance - 0.05 * spacing):
-            kept.append(int(index))
-    if len(kept) < 2:
-        raise ConfigError(f"--references {part}: leaves {len(kept)} of {len(references)} references; use a shorter distance")
-    kept.sort()
-    return replace(references, files=tuple(references.files[index] for index in kept), poses=references.poses[kept])
 
 
 def disturbed(references: References, sd_m: float, sd_deg: float, seed: int) -> tuple[References, str]:

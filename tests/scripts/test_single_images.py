@@ -1,11 +1,7 @@
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
-
-from panoloc_mcl.datasets import read_dataset
-from panoloc_mcl.errors import ConfigError
 
 
 @pytest.fixture(scope="module")
@@ -55,36 +51,6 @@ def test_disturbed_poses_make_errors_of_their_own_size(single_images):
     assert median_mm(exact, "noon, refined") < median_mm(table, "noon, refined") < 200.0
 
 
-def test_a_checkerboard_is_one(script, small_room):
-    left = script.thinned(small_room.references, "checkerboard")
-    cells = np.rint(left.poses[:, :2]).astype(int)
-    assert len(left) == len(left.files) == 6
-    assert len(set(cells.sum(axis=1) % 2)) == 1
-    assert all(small_room.references.files[index] in left.files for index in (0, 2, 5, 7, 8, 10))
-
-
-@pytest.mark.parametrize(("part", "count"), [("every-2m", 4), ("every-0.5m", 12), ("every-2.5m", 2), ("all", 12)])
-def test_references_at_a_distance(script, small_room, part, count):
-    left = script.thinned(small_room.references, part).poses[:, :2]
-    assert len(left) == count
-    apart = np.hypot(*(left[:, None] - left[None]).T) + 10.0 * np.eye(count)
-    if part.startswith("every"):
-        assert apart.min() >= float(part[6:-1]) - 0.05
-
-
-def test_scattered_references_thin_out_to_the_diagonal(script, small_room):
-    references = small_room.references
-    poses = references.poses + np.random.default_rng(3).normal(0.0, 0.2, references.poses.shape)
-    left = script.thinned(replace(references, poses=poses), "checkerboard")
-    assert 2 <= len(left) < 12
-
-
-def test_the_hall_in_a_checkerboard_and_two_metres_apart(script, hall):
-    references = read_dataset(hall).references
-    assert len(script.thinned(references, "checkerboard")) == 21
-    assert len(script.thinned(references, "every-2m")) == 12
-
-
 def test_errors_are_those_that_were_asked_for(script, small_room):
     references, said = script.disturbed(small_room.references, 0.02, 1.0, 7)
     errors = references.poses - small_room.references.poses
@@ -98,12 +64,6 @@ def test_errors_are_those_that_were_asked_for(script, small_room):
     assert np.all((rms > 0.3 * asked) & (rms < 2.0 * asked))
     assert f"{100 * rms[0]:.1f} cm in x" in said
     assert f"{np.degrees(rms[2]):.2f} degrees" in said
-
-
-@pytest.mark.parametrize("part", ["half", "every-m", "every-99m"])
-def test_parts_that_there_are_not(script, small_room, part):
-    with pytest.raises(ConfigError, match=f"--references {part}"):
-        script.thinned(small_room.references, part)
 
 
 @pytest.mark.parametrize(
