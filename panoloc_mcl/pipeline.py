@@ -26,7 +26,8 @@ from panoloc_mcl.localizer import Localizer
 from panoloc_mcl.map_cache import cached_map
 from panoloc_mcl.observation import ObservationModel
 from panoloc_mcl.panorama_map import PanoramaMap
-from panoloc_mcl.report import ResultsWriter, render_report, render_summary
+from panoloc_mcl.report import FrameRecorder, ResultsWriter, render_report, render_summary
+from panoloc_mcl.report.sinks import Departure, Frame, NullSink, Scene, Sink, Sinks
 
 
 class Monitor(Protocol):
@@ -65,7 +66,37 @@ class Outcome:
     folder: Path
 
 
-def run(config: RunConfig, command: Sequence[str] = (), monitor: Monitor | None = None) -> Outcome:
+class ProgressSink(NullSink):
+    """Tells a monitor how many images are done.
+
+    Parameters
+    ----------
+    monitor : Monitor
+    """
+
+    def __init__(self, monitor: Monitor) -> None:
+        self._monitor = monitor
+        self._images: tuple[int, ...] = ()
+        self._ended = 0
+
+    def open(self, scene: Scene) -> None:
+        """Find out how many there are."""
+        self._images = scene.images
+
+    def take(self, frame: Frame) -> None:
+        """Count an image, and those before it that gave no answer."""
+        self._tell(sum(self._images[: self._ended]) + min(frame.index + 1, self._images[self._ended] - 1))
+
+    def end(self, record: SequenceRecord) -> None:
+        """Count the images after the last answer."""
+        self._ended += 1
+        self._tell(sum(self._images[: self._ended]))
+
+    def _tell(self, done: int) -> None:
+        self._monitor.progress(done, sum(self._images), "images")
+
+
+def run(config: RunConfig, command: Sequence[str] = (), monitor: Monitor | None = None, sinks: Sequence[Sink] = ()) -> Outcome:
     """Localize over the sequences of a data set and write a results folder.
 
     Parameters
@@ -74,6 +105,8 @@ def run(config: RunConfig, command: Sequence[str] = (), monitor: Monitor | None 
     command : sequence of str
         The command line, to be noted in ``run.json``.
     monitor : Monitor, optional
+    sinks : sequence of Sink, optional
+        Who else watches.
 
     Raises
     ------
@@ -96,18 +129,23 @@ def run(config: RunConfig, command: Sequence[str] = (), monitor: Monitor | None 
     writer.write_config(config.model_dump(mode="json"))
     writer.write_run_info(info)
     writer.write_places(panorama_map.references.names, panorama_map.references.positions)
+    sink = Sinks([FrameRecorder(writer.path), ProgressSink(monitor), *sinks])
+    trips = [(task, repeat) for task in tasks for repeat in range(config.runs)]
     records = []
-    for number, (task, repeat) in enumerate((task, repeat) for task in tasks for repeat in range(config.runs)):
-        record, steps, skipped = localize(task, repeat, panorama_map, model, config)
-        if skipped:
-            monitor.notice(f"sequence {record.name}: {skipped} of {len(task.drive)} images skipped; steps.csv says why")
-        records.append(writer.write_run(record, steps))
-        monitor.progress(number + 1, len(tasks) * config.runs, "sequences")
+    try:
+        sink.open(Scene(panorama_map.name, panorama_map.references, model.places, tuple(len(task.drive) for task, _ in trips)))
+        for task, repeat in trips:
+            record, steps, skipped = localize(task, repeat, panorama_map, model, config, sink)
+            if skipped:
+                monitor.notice(f"sequence {record.name}: {skipped} of {len(task.drive)} images skipped; steps.csv says why")
+            records.append(writer.write_run(record, steps))
+    finally:
+        sink.close()
     metrics = evaluate(records, panorama_map.references.positions)
     folder = writer.finish(
         metrics,
         summary=render_summary(metrics, info),
-        report=render_report(metrics, info, records, panorama_map.references.positions),
+        report=render_report(metrics, info, records, panorama_map.references.positions, writer.path),
     )
     return Outcome(metrics, folder)
 
@@ -155,9 +193,14 @@ def check_task(task: Task, panorama_map: PanoramaMap | None, config: RunConfig) 
 
 
 def localize(
-    task: Task, repeat: int, panorama_map: PanoramaMap, model: ObservationModel, config: RunConfig
+    task: Task,
+    repeat: int,
+    panorama_map: PanoramaMap,
+    model: ObservationModel,
+    config: RunConfig,
+    sink: Sink | None = None,
 ) -> tuple[SequenceRecord, list[dict[str, Any]], int]:
-    """Run the localizer over one drive.
+    """Run the localizer over one drive, watched by a sink.
 
     Returns
     -------
@@ -168,7 +211,7 @@ def localize(
     skipped : int
         Images that could not be used.
     """
-    drive = task.drive
+    drive, sink = task.drive, sink or NullSink()
     start_pose = None
     if drive.groundtruth is not None:
         x, y, heading = (float(value) for value in drive.groundtruth.at(drive.times[0]))
@@ -183,10 +226,15 @@ def localize(
         seed=(config.seed + repeat, zlib.crc32(drive.name.encode())),
         model=model,
     )
+    truth = None if drive.groundtruth is None else drive.groundtruth.at(drive.times)
+    unwrapper = panorama_map.unwrapper(drive.camera, drive.image_size)
     frames: list[int] = []
     estimates: list[Estimate] = []
     steps = []
+    sink.begin(Departure(drive.name, repeat, *localizer.particles))
     for index, estimate in answers(localizer, drive):
+        shown = None if truth is None else truth[index]
+        sink.take(Frame(len(frames), index, drive.files[index], unwrapper, estimate, *localizer.particles, shown))
         frames.append(index)
         steps.append(step_row(estimate))
         # A vote field takes a megabyte; a long drive has thousands.
@@ -197,12 +245,13 @@ def localize(
         run=repeat,
         times=times,
         poses=np.array([estimate.pose for estimate in estimates]),
-        truth=None if drive.groundtruth is None else drive.groundtruth.at(times),
+        truth=None if truth is None else truth[frames],
         status=tuple(estimate.status.value for estimate in estimates),
         best_place=np.array([estimate.best_place for estimate in estimates]),
         step_ms=np.array([sum(estimate.stage_ms.values()) for estimate in estimates]),
         kidnapped=_carried_over(task.kidnapped, frames),
     )
+    sink.end(record)
     return record, steps, localizer.images_skipped
 
 

@@ -57,6 +57,9 @@ class PoseFilter(Protocol):
     def state(self) -> FilterState:
         """The belief now."""
 
+    def particles(self) -> tuple[Float64, Float64]:
+        """Poses (n, 3) and weights (n,) that the belief is made of; n = 0 for a filter without particles. Only to be looked at."""
+
     def snapshot(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """All that the next step depends on, its random numbers included: arrays, and a header of plain values."""
 

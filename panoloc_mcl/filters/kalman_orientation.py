@@ -190,6 +190,10 @@ class KalmanOrientationFilter:
         turn = wrap_angle(-offset.increment[2] - math.fsum(step.turn for step in steps))
         return float(turn), max(offset.sd_heading**2 - math.fsum(step.variance for step in steps), 0.0)
 
+    def particles(self) -> tuple[Float64, Float64]:
+        """None."""
+        return np.zeros((0, 3)), np.zeros(0)
+
     def snapshot(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """All that the next step depends on: arrays, and a header of plain values."""
         steps = np.array([astuple(step) for step in self._steps]).reshape(-1, 5)

@@ -304,6 +304,10 @@ class MonteCarloFilter:
             resampled=self._resampled,
         )
 
+    def particles(self) -> tuple[Float64, Float64]:
+        """Poses (n, 3) and weights (n,), as the filter works on them."""
+        return self.poses, self.weights
+
     def snapshot(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """All that the next step depends on: arrays, and a header of plain values."""
         return {"poses": self.poses, "log_weights": self.log_weights}, {name: getattr(self, name) for name in _REMEMBERED}

@@ -86,6 +86,10 @@ class OdometryOnlyFilter:
             resampled=False,
         )
 
+    def particles(self) -> tuple[Float64, Float64]:
+        """None."""
+        return np.zeros((0, 3)), np.zeros(0)
+
     def snapshot(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Pose and covariance."""
         return {"pose": self.pose, "covariance": self.covariance}, {}

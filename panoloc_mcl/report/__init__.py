@@ -1,6 +1,8 @@
 """Results folders, summaries and reports."""
 
 from panoloc_mcl.report.html import render_report
+from panoloc_mcl.report.recorder import FrameRecorder
+from panoloc_mcl.report.recording import Recording
 from panoloc_mcl.report.renewal import rewrite_figures, same_metrics
 from panoloc_mcl.report.results_folder import ResultsWriter
 from panoloc_mcl.report.results_reader import Results, read_results
@@ -8,6 +10,8 @@ from panoloc_mcl.report.summary import render_summary
 from panoloc_mcl.report.terminal import print_metrics
 
 __all__ = [
+    "FrameRecorder",
+    "Recording",
     "Results",
     "ResultsWriter",
     "print_metrics",

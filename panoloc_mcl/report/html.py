@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,7 @@ def render_report(
     run_info: Mapping[str, Any],
     records: Sequence[SequenceRecord],
     place_positions: ArrayLike | None,
+    folder: Path | None = None,
 ) -> str:
     """Text of ``report.html``.
 
@@ -46,6 +48,8 @@ def render_report(
         Those of the metrics. Pictures show the first run of each sequence, of every group some when there are many.
     place_positions : array_like of float, shape (P, 2), or None
         Map frame, metres.
+    folder : Path, optional
+        Results folder with the steps and the recorded frames of these runs; without it there are only still pictures.
     """
     chosen = pictured(records, MOST_PICTURES)
     places = np.zeros((0, 2)) if place_positions is None else np.asarray(place_positions, dtype=np.float64).reshape(-1, 2)

@@ -18,6 +18,7 @@ METRICS = "metrics.json"
 TRAJECTORY = "trajectory.tum"
 GROUND_TRUTH = "groundtruth.tum"
 STEPS = "steps.csv"
+FRAMES = "frames.npz"
 
 LATEST = "latest"
 TIME_FORMAT = "%Y%m%d_%H%M%S"

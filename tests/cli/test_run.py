@@ -28,7 +28,7 @@ def test_it_succeeds_and_the_path_comes_last(full_run):
     assert (full_run.folder.parent / "latest").resolve() == full_run.folder.resolve()
     assert "Figures by group" in full_run.out
     assert "Beside Table 2" not in full_run.out
-    assert full_run.err.splitlines()[-1] == "sequences: 3/3"
+    assert full_run.err.splitlines()[-1] == "images: 60/60"
     assert "\x1b" not in full_run.out + full_run.err
 
 
