@@ -163,7 +163,7 @@ def _observed(name: str, votes: VoteField, truth: Float64, references: Float64) 
         named = votes.peak.place if votes.places.references is None else votes.places.nearest_reference(pose[:2])
         # By distance, not by index: references taken at one spot are one place.
         recognised.append(votes.informative and bool(apart[named] <= apart.min() + 1e-9))
-    agreement = float("nan") if votes.measurement is None else float(votes.measurement.agreement)
+    agreement = float("nan") if votes.measurement is None else votes.measurement.agreement.cosine
     return Observed(
         name,
         (position[0], position[1]),

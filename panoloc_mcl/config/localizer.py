@@ -167,13 +167,17 @@ class MonteCarloSettings(StrictModel):
         1, description="Threads that move and weigh particles. Pays from some 20 000 on; the result does not depend on it."
     )
     floor: Annotated[float, Field(ge=0.0, lt=1.0)] = Field(
-        0.005, description="Uniform part of the likelihood, so that no single image can kill the truth."
+        0.005,
+        description="Uniform part of the likelihood, so that no single image can kill the truth. Where the map is calibrated: the "
+        "doubt of the image itself, if that is more.",
     )
     measured_share: Share = Field(
         0.3, description="Share of the particles drawn around the pose that an image gives by itself (refinement)."
     )
     measured_doubt: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
-        0.02, description="Likelihood of a particle far from that pose relative to one at it: the chance that it is wrong."
+        0.02,
+        description="Likelihood of a particle far from that pose relative to one at it: the chance that it is wrong. Where the map is "
+        "calibrated: the doubt of the image itself, if that is more.",
     )
     recovery: RecoverySettings = Field(default_factory=RecoverySettings, description="Proposals drawn from the vote field.")
 

@@ -62,8 +62,17 @@ class RefinementSettings(StrictModel):
     iterations: Annotated[int, Field(ge=1, le=50)] = Field(
         12, description="Gauss-Newton steps at full resolution at most; a few coarse ones come before."
     )
-    sources: Annotated[int, Field(ge=1, le=8)] = Field(2, description="References that the views are synthesised from.")
+    sources: Annotated[int, Field(ge=1, le=8)] = Field(
+        4, description="References that the last views are synthesised from; the first steps use two."
+    )
     tilt: bool = Field(True, description="Whether the camera's pitch and roll are estimated, too.")
+    candidates: Annotated[int, Field(ge=1, le=100)] = Field(
+        5, description="Best cells, some way apart from each other, that are refined at most before one is chosen."
+    )
+    sufficient_agreement: Annotated[float, Field(ge=-1.0, le=1.0)] = Field(
+        0.5,
+        description="A refined pose whose view agrees with the image by this much (cosine) is taken without refining further cells.",
+    )
 
 
 class VotesSettings(StrictModel):
@@ -106,12 +115,22 @@ class VotesSettings(StrictModel):
         json_schema_extra=OBSERVING,
         description="Width sigma of the voting function exp(-d^2 / 2 sigma^2) over the angle d, radians (paper: 0.3).",
     )
-    tolerance: Positive = Field(
-        0.15,
+    tolerance: Positive | None = Field(
+        None,
         le=100.0,
         json_schema_extra=OBSERVING,
         description="How far the votes at the true pose may fall short of the best ones (standard deviation, as a share of the best). "
-        "Low: certain at once; high: cautious.",
+        "Low: certain at once; high: cautious. null = as learnt from held-out references, at least 0.08.",
+    )
+    calibration_references: Annotated[int, Field(ge=0, le=100_000)] = Field(
+        16,
+        description="References that are held out one by one to learn how sure a pose is; below 2: no confidence is given, and no "
+        "image fits nowhere.",
+    )
+    fits_nowhere_below: Share = Field(
+        0.5,
+        json_schema_extra=OBSERVING,
+        description="An image whose best pose is less probable than this fits nowhere in the map: it is skipped, and said to be so.",
     )
     full_match: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
         0.2,

@@ -149,7 +149,7 @@ class MonteCarloFilter:
         """Relative to the field's best cell, so 1 at most (but for interpolation), and at least the floor."""
         poses = self.poses if chosen is None else self.poses[chosen]
         out = np.empty(len(poses))
-        floor = self.settings.floor
+        floor = max(self.settings.floor, votes.doubt)
 
         def weigh(block: slice) -> None:
             likelihood = votes.log_likelihood(votes.read(self._seen_from(poses[block], offset)))
@@ -252,12 +252,12 @@ class MonteCarloFilter:
 
     def _reweight(self, votes: VoteField, offset: Motion | None, likelihood: Float64) -> None:
         """Multiply the weights by the likelihood: that of the vote field, and of the measured pose where there is one."""
-        if self.settings.floor == 0.0:
+        if max(self.settings.floor, votes.doubt) == 0.0:
             # Far from the best cell there may be nothing left; a logarithm must stay finite.
             likelihood = np.maximum(likelihood, _TINY)
         self.log_weights += np.log(likelihood)
         if votes.measurement is not None:
-            doubt = self.settings.measured_doubt
+            doubt = max(self.settings.measured_doubt, votes.doubt)
             fit = votes.measurement.relative_likelihood(self._seen_from(self.poses, offset))
             self.log_weights += np.log(doubt + (1.0 - doubt) * fit)
         normalise(self.log_weights, self.weights)

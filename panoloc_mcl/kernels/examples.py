@@ -91,10 +91,14 @@ def _column_agreement() -> tuple[Any, ...]:
     return features, usable, features, usable
 
 
-def _normal_equations() -> tuple[Any, ...]:
+def _column_products() -> tuple[Any, ...]:
     features, usable = np.ones((3, 8), dtype=np.complex64), np.ones((3, 8), dtype=np.bool_)
     profile, tangents = np.full(8, 2.0), np.array([0.5, 0.1, -0.5])
-    return features, usable, features, usable, profile, np.array([np.inf, np.inf, 1.2]), tangents, 0.4, 1
+    return features, usable, features, usable, profile, np.array([np.inf, np.inf, 1.2]), tangents, 1
+
+
+def _normal_equations() -> tuple[Any, ...]:
+    return np.ones((18, 8)), np.ones(8, dtype=np.bool_), 0.1
 
 
 #: By ``module.kernel``: the arguments of one call.
@@ -130,6 +134,7 @@ EXAMPLES: dict[str, Callable[[], tuple[Any, ...]]] = {
     "voting.vote": _vote,
     "warping.arctan2": lambda: (0.5, -0.5),
     "warping.column_agreement": _column_agreement,
+    "warping.column_products": _column_products,
     "warping.move_profile": _move_profile,
     "warping.normal_equations": _normal_equations,
     "warping.warp_table": _warp_table,

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,9 +61,12 @@ class VoteField:
     full_circle : bool
         The headings are equally spaced over the circle, so the field can be read anywhere.
     problem : str
-        Why the image carries no information ("image is black"); empty when it does. Votes are then all 0.
+        Why the image is not to be believed; empty when it is. Either it carries no information ("image is black") and all votes are 0,
+        or it fits nowhere.
     measurement : PoseMeasurement or None
         The pose that the image gives by itself, when the model refines the best cell.
+    confidence : float
+        Probability that the best pose (refined, if it is) is right; NaN where the model does not know.
     """
 
     votes: Float32
@@ -71,11 +76,17 @@ class VoteField:
     full_circle: bool = True
     problem: str = ""
     measurement: PoseMeasurement | None = None
+    confidence: float = float("nan")
 
     @property
     def informative(self) -> bool:
         """Whether the image says anything."""
         return not self.problem
+
+    @property
+    def doubt(self) -> float:
+        """Probability that the best pose is wrong; 0 where the model does not know."""
+        return 0.0 if np.isnan(self.confidence) else 1.0 - self.confidence
 
     @property
     def gives_heading(self) -> bool:
@@ -89,6 +100,12 @@ class VoteField:
         return read_field(
             rows, self.votes, raster.neighbours, raster.weights, *raster.origin, raster.cell, raster.shape[1], raster.shape[0]
         )
+
+    def votes_at(self, pose: Float64) -> float:
+        """What `read` gives for one pose (3,), without the raster, which a field of few questions need not have."""
+        neighbours, weights = self.places.around(pose[None, :2])
+        rows = at_headings(self.votes[:, neighbours[0]], np.array([pose[2] % (2.0 * np.pi)]))
+        return float(rows[0] @ weights[0])
 
     def log_likelihood(self, votes: Float32) -> Float64:
         """Log-likelihood of poses that were given so many votes, relative to the best cell: Gaussian in what they fall short of it."""
@@ -113,6 +130,36 @@ class VoteField:
         rival = max((float(group.max()) for group in rivals if group.size), default=0.0)
         margin = (best - rival) / best if best > 0.0 else 0.0
         return Peak(place, self._between_headings(row, place), best, margin)
+
+    def best_cells(self, most: int) -> Iterator[tuple[int, int]]:
+        """Heading and place of the best cell, then of the best one elsewhere, and so on; at most so many."""
+        votes = self.votes.copy()
+        for _ in range(most):
+            row, place = divmod(int(np.argmax(votes)), votes.shape[1])
+            if votes[row, place] <= 0.0:
+                return
+            yield row, place
+            votes[self._around(row, place)] = 0.0
+
+    def _around(self, row: int, place: int) -> tuple[NDArray[Any], ...]:
+        """Indices of the cells that are the same place and heading as one cell, roughly."""
+        offsets = self.places.positions - self.places.positions[place]
+        near_place = np.hypot(offsets[:, 0], offsets[:, 1]) <= _RIVAL_SPACINGS * self.places.spacing
+        near_heading = np.abs(angle_difference(self.headings, self.headings[row])) <= np.radians(_RIVAL_DEG)
+        return np.ix_(np.flatnonzero(near_heading), np.flatnonzero(near_place))
+
+    def weakened(self, row: int, place: int, factor: float) -> VoteField:
+        """The same field with less votes around a cell: a closer look found less there than elsewhere."""
+        votes = self.votes.copy()
+        votes[self._around(row, place)] *= np.float32(factor)
+        return replace(self, votes=votes)
+
+    @cached_property
+    def standing_out(self) -> float:
+        """How far the best votes lie above the mean of all, in standard deviations of all: of noise, no more than chance gives."""
+        spread = float(self.votes.std())
+        # Equal votes differ by rounding alone.
+        return (self.peak.votes - float(self.votes.mean())) / spread if spread > 1e-6 * self.peak.votes else 0.0
 
     @cached_property
     def best_pose(self) -> Float64:
@@ -154,11 +201,18 @@ class VoteField:
         offset = 0.5 * (before - after) / curvature if curvature < 0.0 else 0.0
         return float(wrap_angle(heading + offset * 2.0 * np.pi / count))
 
-    def with_measurement(self, measurement: PoseMeasurement) -> VoteField:
+    def with_measurement(self, measurement: PoseMeasurement | None) -> VoteField:
         """The same field with the pose that the image gives by itself."""
-        field = replace(self, measurement=measurement)
+        return self._but(replace(self, measurement=measurement))
+
+    def judged(self, confidence: float, problem: str) -> VoteField:
+        """The same field with how far it is to be believed."""
+        return self._but(replace(self, confidence=confidence, problem=problem))
+
+    def _but(self, field: VoteField) -> VoteField:
         # What is worked out already holds for it, too.
-        field.__dict__.update({name: self.__dict__[name] for name in ("peak", "best_pose") if name in self.__dict__})
+        known = ("peak", "best_pose", "standing_out")
+        field.__dict__.update({name: self.__dict__[name] for name in known if name in self.__dict__})
         return field
 
     def sample(self, count: int, rng: np.random.Generator) -> Float64:

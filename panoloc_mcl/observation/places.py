@@ -97,10 +97,10 @@ class Places:
         for first in range(0, rows, together):
             centres = np.stack(np.meshgrid(x, y[first : first + together]), axis=-1).reshape(-1, 2)
             part = slice(first * columns, first * columns + len(centres))
-            neighbours[part], weights[part] = self._around(centres)
+            neighbours[part], weights[part] = self.around(centres)
         return PlaceRaster((float(low[0]), float(low[1])), cell, (rows, columns), neighbours, weights)
 
-    def _around(self, centres: Float64) -> tuple[NDArray[np.int64], Float64]:
+    def around(self, centres: Float64) -> tuple[NDArray[np.int64], Float64]:
         """Nearest places of points (m, 2) and their weights, (m, neighbours) each."""
         wanted = min(_NEIGHBOURS + 1, len(self))
         found = self._tree.query(centres, k=wanted)

@@ -15,6 +15,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
+from scipy.spatial import cKDTree
 
 from panoloc_mcl.camera import Panorama
 from panoloc_mcl.config.model import VotesSettings
@@ -22,6 +23,7 @@ from panoloc_mcl.eigenspace.gradients import check_filter_size, orientations
 from panoloc_mcl.eigenspace.pca import eigenspace_of
 from panoloc_mcl.errors import MapError
 from panoloc_mcl.observation.base import Arrays
+from panoloc_mcl.observation.calibration import Calibration, calibrate
 from panoloc_mcl.observation.field import VoteField, at_headings, silent_field
 from panoloc_mcl.observation.overlap import OverlapNorms, block_energy, block_usable, squared_magnitude
 from panoloc_mcl.observation.places import Places
@@ -32,6 +34,8 @@ from panoloc_mcl.synthesis import PoseRefiner, ViewSynthesizer, check_poses, pla
 Float32 = NDArray[np.float32]
 Complex64 = NDArray[np.complex64]
 
+# What votes at the true pose fall short of the best ones, where it was not learnt; and at the least: few references teach no trust.
+_USUAL_TOLERANCE, _LEAST_TOLERANCE = 0.15, 0.08
 _FEWEST_COMPONENTS, _MOST_COMPONENTS, _PLACES_A_COMPONENT = 60, 200, 8
 
 
@@ -63,6 +67,8 @@ class VotesModel:
         That made the views of virtual places; without one, the places are the references.
     notes : tuple of str
         What the user should know of the map.
+    calibration : Calibration, optional
+        What held-out references taught; without one, no confidence is given.
     """
 
     name = "votes"
@@ -81,11 +87,13 @@ class VotesModel:
         kept: float,
         synthesizer: ViewSynthesizer | None = None,
         notes: tuple[str, ...] = (),
+        calibration: Calibration | None = None,
     ) -> None:
         self.places = places
         self.settings = settings
         self.kept = kept
         self.notes = notes
+        self.calibration = calibration
         self._spectra = spectra
         self._coefficients = coefficients
         self._norms = OverlapNorms(energy, usable)
@@ -142,9 +150,13 @@ class VotesModel:
         spectra = np.empty((len(kept), len(eigenspace.eigenimages), rows), dtype=np.complex64)
         for index, eigenimage in enumerate(eigenspace.eigenimages):
             spectra[:, index, :] = fft.fft(eigenimage.reshape(rows, columns), axis=1).conj().T[kept]
-        return cls(
+        model = cls(
             places, settings, columns, spectra, eigenspace.coefficients, energy, usable, eigenspace.kept, synthesizer, notes
         )
+        if synthesizer is not None:
+            most, threads = settings.calibration_references, _threads(settings)
+            model.calibration = calibrate(model.held_out, references, most, progress, threads)
+        return model
 
     @classmethod
     def restore(cls, references: ReferencePanoramas, settings: VotesSettings, arrays: Arrays) -> Self:
@@ -163,6 +175,7 @@ class VotesModel:
             arrays["usable"],
             float(arrays["kept"][0]),
             synthesizer,
+            calibration=Calibration.of_array(arrays["calibration"]) if "calibration" in arrays else None,
         )
 
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -177,6 +190,8 @@ class VotesModel:
         if self._synthesizer is not None:
             kept["profiles"] = self._synthesizer.profiles.astype(np.float32)
             kept["alone"] = self._synthesizer.alone.astype(np.uint8)
+        if self.calibration is not None:
+            kept["calibration"] = self.calibration.array()
         return kept
 
     def observe(self, panorama: Panorama, headings: NDArray[np.float64] | None = None) -> VoteField:
@@ -190,13 +205,83 @@ class VotesModel:
         votes = vote_of_cosine(cosines, self.settings.vote_width)
         # Votes count relative to the best one: it falls with the distance to the next place, in all lights alike.
         weakest = vote_of_cosine(np.array([self.settings.full_match], dtype=np.float32), self.settings.vote_width)[0]
-        tolerance = self.settings.tolerance * max(float(votes.max()), float(weakest))
+        tolerance = self._tolerance * max(float(votes.max()), float(weakest))
         if headings is None:
             field = VoteField(votes, self._headings, self.places, tolerance)
-            if self._refiner is None:
-                return field
-            return field.with_measurement(self._refiner.refine(z, mask, field.best_pose))
+            return self._judged(field if self._refiner is None else self._refined(self._refiner, field, z, mask))
         return VoteField(at_headings(votes, headings), headings, self.places, tolerance, full_circle=False)
+
+    def _refined(self, refiner: PoseRefiner, field: VoteField, z: Complex64, mask: NDArray[np.bool_]) -> VoteField:
+        """The field with the pose of the best cell, refined.
+
+        The best few cells are looked at in turn until one agrees with the image. Synthesis sees more than the eigenspace: where it
+        finds that an earlier one agrees less, the votes there shrink in proportion.
+        """
+        settings = self.settings.refinement
+        cells = list(field.best_cells(settings.candidates))
+        starts = [
+            field.best_pose,
+            *(np.array([*self.places.positions[place], self._headings[row]]) for row, place in cells[1:]),
+        ]
+        measured, agreements = refiner.refine_best(z, mask, starts, settings.sufficient_agreement)
+        best = max(agreements)
+        for (row, place), agreement in zip(cells, agreements, strict=False):
+            if 0.0 < agreement < best:
+                field = field.weakened(row, place, agreement / best)
+        return field.with_measurement(measured)
+
+    def _judged(self, field: VoteField) -> VoteField:
+        """The field with how far it is to be believed; one that fits nowhere says so."""
+        if self.calibration is None:
+            return field
+        confidence = self.calibration.confidence(field)
+        fits = confidence >= self.settings.fits_nowhere_below
+        return field.judged(
+            confidence, "" if fits else f"image fits nowhere in the map (confidence {100.0 * confidence:.0f} %)"
+        )
+
+    @property
+    def _tolerance(self) -> float:
+        if self.settings.tolerance is not None:
+            return self.settings.tolerance
+        learnt = _USUAL_TOLERANCE if self.calibration is None else self.calibration.tolerance
+        return max(learnt, _LEAST_TOLERANCE)
+
+    def held_out(self, reference: int) -> VotesModel:
+        """The model as though a reference had never been taken.
+
+        The views of the places that are nearest to it are made from the others; eigenimages and depths stay as they are.
+
+        Raises
+        ------
+        ValueError
+            Views are not synthesised: without its reference, a place is gone.
+        """
+        if self._synthesizer is None:
+            raise ValueError("a map without virtual places cannot do without a reference")
+        energy, usable = self._norms.energy, self._norms.usable
+        references = self._synthesizer.references
+        others = self._synthesizer.of(np.delete(np.arange(len(references)), reference))
+        coefficients, energy, usable = self._coefficients.copy(), energy.copy(), usable.copy()
+        nearest = cKDTree(references.positions).query(self.places.positions)[1]
+        # Off the grid that the references may lie on, as robots are.
+        moved = self.places.spacing * np.random.default_rng(reference).uniform(-0.5, 0.5, 2)
+        positions = self.places.positions + np.where(nearest == reference, 1.0, 0.0)[:, None] * moved
+        for place in np.flatnonzero(nearest == reference):
+            z, mask = synthetic_features(others, positions[place], self.settings)
+            coefficients[place] = self._projections(z)[0]
+            energy[place], usable[place] = block_energy(z), block_usable(mask)
+            energy[place] *= np.sum(np.abs(coefficients[place]) ** 2) / max(float(energy[place].sum()), 1e-12)
+        return self._with(Places(positions, self.places.references), coefficients, energy, usable, others)
+
+    def _with(
+        self, places: Places, coefficients: Complex64, energy: Float32, usable: Float32, synthesizer: ViewSynthesizer | None
+    ) -> VotesModel:
+        """A model with the same eigenimages."""
+        columns = len(self._headings)
+        return VotesModel(
+            places, self.settings, columns, self._spectra, coefficients, energy, usable, self.kept, synthesizer, self.notes
+        )
 
     def _problem(self, panorama: Panorama, z: Complex64, mask: NDArray[np.bool_]) -> str:
         visible = float(mask.mean())
@@ -215,12 +300,16 @@ class VotesModel:
 
     def _correlations(self, z: Complex64) -> Float32:
         """Inner products of the turned image with every place's reconstruction, float32 (headings, k)."""
+        turned = self._projections(z)
+        turned_real = np.hstack([turned.real, turned.imag]).astype(np.float32, copy=False)
+        return np.asarray(turned_real @ self._coefficients_real.T, dtype=np.float32)
+
+    def _projections(self, z: Complex64) -> Complex64:
+        """Inner products of the turned image with every eigenimage, complex64 (headings, p)."""
         spectrum = np.ascontiguousarray(fft.fft(z, axis=1).T[self._frequencies])
         projections = np.zeros((z.shape[1], self._spectra.shape[1]), dtype=np.complex64)
         projections[self._frequencies] = np.matmul(self._spectra, spectrum[:, :, None])[:, :, 0]
-        turned = fft.ifft(projections, axis=0)
-        turned_real = np.hstack([turned.real, turned.imag]).astype(np.float32, copy=False)
-        return np.asarray(turned_real @ self._coefficients_real.T, dtype=np.float32)
+        return np.asarray(fft.ifft(projections, axis=0))
 
 
 def _frequencies(columns: int, bandwidth: float) -> NDArray[np.int64]:

@@ -8,6 +8,7 @@ references' features are warped as they are. The last steps warp the images and 
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -16,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from panoloc_mcl.config.model import VotesSettings
+from panoloc_mcl.config.model import RefinementSettings, VotesSettings
 from panoloc_mcl.eigenspace.gradients import orientations, pad_circular
 from panoloc_mcl.geometry import wrap_angle
-from panoloc_mcl.kernels.warping import normal_equations
-from panoloc_mcl.measurement import PoseMeasurement
+from panoloc_mcl.kernels.warping import column_products, normal_equations
+from panoloc_mcl.measurement import Agreement, PoseMeasurement
 from panoloc_mcl.synthesis.views import MARGIN, ViewSynthesizer
 
 Float64 = NDArray[np.float64]
@@ -29,15 +30,29 @@ Complex64 = NDArray[np.complex64]
 Bool = NDArray[np.bool_]
 
 
-class Scale(NamedTuple):
-    """A resolution at which features are compared: every ``stride`` pixels, smoothed with a standard deviation in pixels."""
+class Step(NamedTuple):
+    """A Gauss-Newton step: at every ``stride`` pixels, smoothed with a standard deviation in pixels, against so many views."""
 
     stride: int
     sigma: float
+    sources: int
+
+    @property
+    def fine(self) -> bool:
+        """Whether it looks at every pixel of images that were warped themselves."""
+        return self.stride == 1
 
 
-_COARSE_STEPS = (Scale(4, 5.0), Scale(4, 5.0), Scale(2, 2.0), Scale(2, 2.0))
-_FINE = Scale(1, 0.0)
+def _steps(settings: RefinementSettings, columns: int) -> tuple[list[Step], list[Step]]:
+    """Coarse steps reach far and cost little; the first fine one is still far off, and more references would not help it."""
+    few = min(2, settings.sources)
+    coarse = [Step(stride, sigma, few) for stride, sigma in _COARSE if columns % stride == 0]
+    fine = [Step(1, 0.0, few)] + [Step(1, 0.0, settings.sources)] * max(settings.iterations - 1, 1)
+    return coarse or fine[:1], fine
+
+
+# Every so many pixels, smoothed with this standard deviation in pixels.
+_COARSE = ((4, 5.0), (4, 5.0), (2, 2.0), (2, 2.0))
 # At full resolution every second row is enough: smoothing and gradients make neighbouring rows say nearly the same.
 _FINE_ROWS_EVERY = 2
 _LARGEST_STEP_M = 0.15
@@ -46,15 +61,23 @@ _LARGEST_TURN = np.radians(2.0)
 _SD_TILT = np.radians(2.0)
 # Neighbouring pixels and both channels err together, and the views are not exact: so many of them count as one. Chosen so
 # that errors on recorded data are as large as the covariance says.
-_CORRELATED = 25.0
+_CORRELATED = 2.5
+# Of several poses, so many.
+_REFINED_TO_THE_END = 2
+# Information is not thought smaller than this agreement makes it.
+_LEAST_AGREEMENT = 0.1
 # Mean squared difference at the least: a view that fits exactly, or shows nothing of the image, has none and still errs.
 _LEAST_VARIANCE = 1e-4
 # Standing still: a step this small is about what the image can tell.
-_SMALLEST_STEP_M, _SMALLEST_TURN = 1e-3, np.radians(0.01)
+_SMALLEST_STEP_M, _SMALLEST_TURN = 1.5e-3, np.radians(0.01)
+# Of the standard deviation: a step this small is not worth another one.
+_SMALL = 0.3
 # Sources are weighted by 1 / (distance + this).
 _NEAR_M = 0.05
+# Columns count where they agree, over a window around them, by this share of the upper quartile of all at the least.
+_AGREEING_WINDOW_DEG, _AGREEING_SHARE = 21.0, 0.6
 # References whose smoothed features are kept at hand.
-_KEPT_FEATURES = 24
+_KEPT_FEATURES = 48
 
 
 class _Equations(NamedTuple):
@@ -62,7 +85,7 @@ class _Equations(NamedTuple):
     right: Float64
     residual: float
     pixels: float
-    agreement: float
+    agreement: Agreement
 
 
 class PoseRefiner:
@@ -90,65 +113,119 @@ class PoseRefiner:
         pose : float64 (3,)
             Where to begin.
         """
-        settings = self._settings.refinement
-        unknowns = 5 if settings.tilt else 3
-        reached, tilt = np.array(pose, dtype=np.float64), np.zeros(2)
-        scales = [scale for scale in _COARSE_STEPS if z.shape[1] % scale.stride == 0] + [_FINE] * settings.iterations
-        planes = {sigma: _planes(z, usable, sigma) for sigma in {scale.sigma for scale in scales}}
-        for scale in scales:
-            query, query_usable = self._turned_back(planes[scale.sigma], reached[2], tilt, scale.stride)
-            equations = self._equations(query, query_usable, reached[:2], scale)
-            step = _solve(equations, tilt, unknowns)
-            reached += step[:3]
-            tilt += step[3:]
-            if scale is _FINE and np.hypot(step[0], step[1]) < _SMALLEST_STEP_M and abs(step[2]) < _SMALLEST_TURN:
+        return self.refine_best(z, usable, [pose])[0]
+
+    def refine_best(
+        self, z: Complex64, usable: Bool, poses: Iterable[Float64], sufficient: float = 1.0
+    ) -> tuple[PoseMeasurement, list[float]]:
+        """Refine the one of several poses around which the views agree best with the image.
+
+        The poses are approached by the coarse steps, which cost little, in turn until one agrees sufficiently; only the best is
+        refined to the end, or the best two where the first disappoints.
+
+        Parameters
+        ----------
+        z, usable : complex64 and bool (rows, columns)
+            Features of the image (see `orientations`).
+        poses : iterable of float64 (3,)
+            Where to begin; at least one.
+        sufficient : float
+            Agreement (cosine) of smoothed features.
+
+        Returns
+        -------
+        PoseMeasurement
+        list of float
+            Agreement that was reached from each pose tried.
+        """
+        coarse, fine = _steps(self._settings.refinement, z.shape[1])
+        planes = {sigma: _planes(z, usable, sigma) for sigma in {step.sigma for step in (*coarse, *fine)}}
+        approached: list[tuple[Float64, Float64, _Equations]] = []
+        for pose in poses:
+            approached.append(self._descended(planes, coarse, np.array(pose, dtype=np.float64), np.zeros(2)))
+            if approached[-1][2].agreement.cosine >= sufficient:
                 break
-        reached[2] = wrap_angle(reached[2])
-        inverse = np.linalg.inv(equations.normal[:unknowns, :unknowns] + 1e-9 * np.eye(unknowns))[:3, :3]
-        variance = max(equations.residual / max(equations.pixels, 1.0), _LEAST_VARIANCE)
-        return PoseMeasurement(
-            reached, np.asarray(_CORRELATED * variance * inverse, dtype=np.float64), tilt, equations.agreement
+        agreements = [equations.agreement.cosine for *_, equations in approached]
+        measured: list[PoseMeasurement] = []
+        for index in np.argsort(agreements)[::-1][:_REFINED_TO_THE_END]:
+            pose, tilt, equations = self._descended(planes, fine, *approached[index][:2])
+            pose[2] = wrap_angle(pose[2])
+            measured.append(PoseMeasurement(pose, self._covariance(equations), tilt, equations.agreement))
+            if measured[-1].agreement.cosine >= sufficient:
+                break
+        return max(measured, key=lambda one: one.agreement.cosine), agreements
+
+    def _descended(
+        self, planes: Mapping[float, Float32], steps: Sequence[Step], pose: Float64, tilt: Float64
+    ) -> tuple[Float64, Float64, _Equations]:
+        """Pose and tilt after Gauss-Newton steps, which end where nothing moves any more, and the last equations."""
+        unknowns = self._unknowns
+        for step in steps:
+            query, query_usable = self._turned_back(planes[step.sigma], pose[2], tilt, step.stride)
+            equations = self._equations(query, query_usable, pose[:2], step)
+            change = _solve(equations, tilt, unknowns)
+            pose, tilt = pose + change[:3], tilt + change[3:]
+            if step == steps[-1] and self._is_still(change, equations):
+                break
+        return pose, tilt, equations
+
+    def _is_still(self, change: Float64, equations: _Equations) -> bool:
+        """Whether a step is about what the image can tell, or far less than it does tell."""
+        sd = np.sqrt(np.diag(self._covariance(equations)))
+        far, turned = float(np.hypot(change[0], change[1])), abs(float(change[2]))
+        return far < max(_SMALLEST_STEP_M, _SMALL * float(max(sd[0], sd[1]))) and turned < max(
+            _SMALLEST_TURN, _SMALL * float(sd[2])
         )
 
-    def _equations(self, query: Complex64, query_usable: Bool, position: Float64, scale: Scale) -> _Equations:
+    @property
+    def _unknowns(self) -> int:
+        return 5 if self._settings.refinement.tilt else 3
+
+    def _covariance(self, equations: _Equations) -> Float64:
+        unknowns = self._unknowns
+        inverse = np.linalg.inv(equations.normal[:unknowns, :unknowns] + 1e-9 * np.eye(unknowns))[:3, :3]
+        variance = max(equations.residual / max(equations.pixels, 1.0), _LEAST_VARIANCE)
+        # Noise has gradients, too, which tell nothing of the pose: what is not agreed upon must not count as information.
+        trusted = float(np.clip(equations.agreement.cosine, _LEAST_AGREEMENT, 1.0))
+        return np.asarray(_CORRELATED * variance / trusted**2 * inverse)
+
+    def _equations(self, query: Complex64, query_usable: Bool, position: Float64, step: Step) -> _Equations:
         """Normal equations against the views of the nearest references, the nearer the more."""
-        sources = min(self._settings.refinement.sources, len(self._synthesizer.references))
+        sources = min(step.sources, len(self._synthesizer.references))
         distances, indices = (np.atleast_1d(part) for part in self._tree.query(position, k=sources))
         rays = self._synthesizer.rays
         # Contiguous, as strided arrays would compile the kernel a second time.
-        floor, tangents = (np.ascontiguousarray(part[:: scale.stride]) for part in (rays.floor, rays.tangents))
+        floor, tangents = (np.ascontiguousarray(part[:: step.stride]) for part in (rays.floor, rays.tangents))
         normal, right = np.zeros((5, 5)), np.zeros(5)
-        residual = count = common = 0.0
-        mine = theirs = 1e-12
-        for distance, source in zip(distances, indices, strict=True):
+        residual = pixels = 0.0
+        weights = 1.0 / (distances + _NEAR_M)
+        columns = np.zeros((3, query.shape[1]))
+        for weight, source in zip(weights / weights.sum(), indices, strict=True):
             profile = self._synthesizer.profile_at(int(source), position)
-            view, view_usable = self._view(int(source), position, profile, scale)
-            part = normal_equations(
+            view, view_usable = self._view(int(source), position, profile, step)
+            products = column_products(
                 view,
                 view_usable,
                 query,
                 query_usable,
-                np.ascontiguousarray(profile[:: scale.stride]),
+                np.ascontiguousarray(profile[:: step.stride]),
                 floor,
                 tangents,
-                rays.row_step * scale.stride,
-                _FINE_ROWS_EVERY if scale is _FINE else 1,
+                _FINE_ROWS_EVERY if step.fine else 1,
             )
-            weight = 1.0 / (float(distance) + _NEAR_M)
+            part = normal_equations(products, _agreeing(products[-3:]), rays.row_step * step.stride)
             normal += weight * part[0]
             right += weight * part[1]
             residual += weight * part[2]
-            count += weight * part[3]
-            common += part[4]
-            mine += part[5]
-            theirs += part[6]
-        return _Equations(normal, right, residual, count, common / float(np.sqrt(mine * theirs)))
+            pixels += weight * part[3]
+            columns += products[-3:]
+        return _Equations(normal, right, residual, pixels, Agreement.of_columns(*columns))
 
-    def _view(self, source: int, position: Float64, profile: Float64, scale: Scale) -> tuple[Complex64, Bool]:
-        if scale is _FINE:
+    def _view(self, source: int, position: Float64, profile: Float64, step: Step) -> tuple[Complex64, Bool]:
+        if step.fine:
             return orientations(self._synthesizer.view(source, position, profile), self._settings)
-        map_x, map_y = self._synthesizer.table(source, position, profile, scale.stride)
-        return _read(self._source_planes(source, scale.sigma), map_x, map_y)
+        map_x, map_y = self._synthesizer.table(source, position, profile, step.stride)
+        return _read(self._source_planes(source, step.sigma), map_x, map_y)
 
     def _make_source_planes(self, source: int, sigma: float) -> Float32:
         return _planes(*orientations(self._synthesizer.references.panorama(source), self._settings), sigma)
@@ -164,6 +241,21 @@ class PoseRefiner:
         map_y = (np.arange(0, rows, stride)[:, None] + lift[None, :]).astype(np.float32)
         map_x = np.broadcast_to(source_columns.astype(np.float32), map_y.shape)
         return _read(planes, map_x, map_y)
+
+
+def _agreeing(columns: Float64) -> Bool:
+    """Columns where view and image show the same, as far as the best of them let expect: bool (columns,).
+
+    Where the world is not a floor and a wall (a goal before a wall), or where somebody stands in front of it, the view is wrong, and
+    its edges would pull the pose towards them. ``columns`` (3, columns) holds inner products and both squared norms.
+    """
+    count = columns.shape[1]
+    reach = max(1, round(_AGREEING_WINDOW_DEG / 720.0 * count))
+    around = np.concatenate([columns[:, -reach - 1 :], columns, columns[:, :reach]], axis=1).cumsum(axis=1)
+    summed = around[:, 2 * reach + 1 :] - around[:, : -2 * reach - 1]
+    agreement = summed[0] / np.sqrt(np.maximum(summed[1] * summed[2], 1e-12))
+    upper_quartile = np.partition(agreement, 3 * count // 4)[3 * count // 4]
+    return np.asarray(agreement >= _AGREEING_SHARE * upper_quartile)
 
 
 def _planes(z: Complex64, usable: Bool, sigma: float) -> Float32:

@@ -139,3 +139,43 @@ def test_a_silent_field_says_why_and_nothing_else() -> None:
     assert np.isfinite(field.log_likelihood(field.votes)).all()
     assert field.peak.votes == field.peak.margin == 0.0
     assert np.isfinite(field.sample(5, np.random.default_rng(0))).all()
+
+
+def test_one_pose_is_read_as_many_are_but_for_the_raster() -> None:
+    rng = np.random.default_rng(3)
+    field = a_field(rng.random((HEADINGS, len(PLACES))))
+    for pose in rng.uniform([0.0, 0.0, -np.pi], [3.0, 2.0, np.pi], (50, 3)):
+        # The raster's cells are a twentieth of the spacing.
+        assert field.votes_at(pose) == pytest.approx(float(field.read(pose[None])[0]), abs=0.06)
+
+
+def test_the_best_cells_are_apart_and_by_falling_votes() -> None:
+    votes = flat(0.01)
+    votes[10, 0], votes[11, 0], votes[40, 0], votes[10, 11] = 0.9, 0.89, 0.7, 0.8
+    assert list(a_field(votes).best_cells(3)) == [(10, 0), (10, 11), (40, 0)]
+
+
+def test_there_are_no_more_best_cells_than_cells_with_votes() -> None:
+    votes = flat()
+    votes[3, 2] = 0.4
+    assert list(a_field(votes).best_cells(5)) == [(3, 2)]
+    assert list(a_field(flat()).best_cells(5)) == []
+
+
+def test_a_weakened_cell_gives_way_to_its_rival() -> None:
+    votes = flat(0.01)
+    votes[10, 0], votes[11, 0], votes[40, 11] = 0.9, 0.8, 0.85
+    before = a_field(votes)
+    after = before.weakened(10, 0, 0.5)
+    assert (before.peak.place, after.peak.place) == (0, 11)
+    assert after.votes[11, 0] == pytest.approx(0.4)
+    assert after.votes[40, 0] == pytest.approx(0.01)
+    assert before.votes[10, 0] == pytest.approx(0.9)
+
+
+def test_noise_stands_out_less_than_a_match() -> None:
+    votes = np.random.default_rng(0).random((HEADINGS, len(PLACES)))
+    noise = a_field(votes).standing_out
+    votes[4, 4] = 5.0
+    assert a_field(votes).standing_out > 3.0 * noise
+    assert a_field(flat(0.3)).standing_out == 0.0

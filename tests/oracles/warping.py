@@ -96,11 +96,13 @@ def column_agreement(first, first_usable, second, second_usable):
     return np.real(a * b.conj()).sum(axis=0), (np.abs(a) ** 2).sum(axis=0), (np.abs(b) ** 2).sum(axis=0)
 
 
-def normal_equations(view, view_usable, query, query_usable, profile, floor, tangents, row_step, every):
+def normal_equations(view, view_usable, query, query_usable, profile, floor, tangents, row_step, every, columns=None):
     used = view_usable & query_usable
     chosen = np.zeros(len(used), dtype=bool)
     chosen[1:-1:every] = True
     used = used & chosen[:, None]
+    if columns is not None:
+        used = used & columns[None, :]
     j = jacobian(view, query, profile, floor, tangents, row_step)[:, used]
     v, q = (part[used].astype(np.complex128) for part in (view, query))
     normal = np.real(j @ j.conj().T)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from oracles.scenes import grid
 
-from panoloc_mcl.camera import PanoramaCamera
+from panoloc_mcl.camera import Panorama, PanoramaCamera
 from panoloc_mcl.config.model import ObservationSettings, RefinementSettings, VirtualPlacesSettings, VotesSettings
 from panoloc_mcl.datasets import Dataset, read_dataset
 from panoloc_mcl.datasets.writer import DatasetWriter
@@ -64,7 +64,9 @@ def test_a_loaded_map_says_the_same_to_the_last_bit(built, image, tmp_path: Path
     for field in fields[1:]:
         assert np.array_equal(field.places.positions, fields[0].places.positions)
         assert np.array_equal(field.votes, fields[0].votes)
-        for name in ("pose", "covariance", "tilt", "agreement"):
+        assert field.confidence == fields[0].confidence
+        assert np.array_equal(field.measurement.agreement.sectors, fields[0].measurement.agreement.sectors)
+        for name in ("pose", "covariance", "tilt"):
             assert np.array_equal(getattr(field.measurement, name), getattr(fields[0].measurement, name))
 
 
@@ -167,3 +169,29 @@ def test_only_what_a_map_depends_on_builds_it_again(
     # Whichever map it is, the image is looked at with the settings asked for.
     assert model.settings == other.votes
     assert model.observe(image).informative
+
+
+def test_a_true_image_is_believed_and_one_of_nowhere_is_not(built, image) -> None:
+    model = built.observation_model()
+    true = model.observe(image)
+    assert true.confidence > 0.8
+    assert true.informative
+    nowhere = model.observe(Panorama(np.random.default_rng(5).uniform(20, 235, image.pixels.shape).astype(np.float32)))
+    assert nowhere.confidence < 0.5
+    assert nowhere.problem.startswith("image fits nowhere in the map (confidence ")
+
+
+def test_a_map_does_without_a_reference_where_views_are_synthesised(built) -> None:
+    model = built.observation_model()
+    held_out = model.held_out(1)
+    panorama = built.references.panorama(1)
+    with_it, without = model.observe(panorama), held_out.observe(panorama)
+    assert np.hypot(*(without.best_pose[:2] - built.references.positions[1])) < 0.3
+    assert without.peak.votes < with_it.peak.votes
+    assert np.isnan(without.confidence)
+
+
+def test_references_alone_cannot_be_held_out(built) -> None:
+    settings = SETTINGS.model_copy(update={"virtual_places": VirtualPlacesSettings(enabled=False)})
+    with pytest.raises(ValueError, match="cannot do without a reference"):
+        VotesModel.build(built.references, settings).held_out(0)

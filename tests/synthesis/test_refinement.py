@@ -5,7 +5,7 @@ from oracles.scenes import panorama
 from panoloc_mcl.config.model import RefinementSettings, VotesSettings
 from panoloc_mcl.eigenspace.gradients import orientations
 from panoloc_mcl.geometry import angle_difference
-from panoloc_mcl.kernels.warping import normal_equations
+from panoloc_mcl.kernels.warping import column_products, normal_equations
 from panoloc_mcl.synthesis import PoseRefiner
 from panoloc_mcl.synthesis.views import FloorRays
 
@@ -43,7 +43,7 @@ def test_poses_are_found_to_millimetres(fine, walls: str, tilt: tuple[float, flo
         assert far < 0.01
         assert turned < 0.2
         assert measured.tilt == pytest.approx(tilt, abs=np.radians(0.15))
-        assert measured.agreement > 0.85
+        assert measured.agreement.cosine > 0.85
         assert positive_definite(measured.covariance)
         # As sharp as it is, but for a factor: neither metres nor nanometres.
         assert 1e-4 < np.sqrt(np.diag(measured.covariance)[:2]).max() < 0.02
@@ -90,7 +90,7 @@ def test_an_image_that_fits_exactly_still_errs(small, sources: int) -> None:
     z, usable = orientations(small.references.panorama(0), chosen)
     measured = PoseRefiner(small.exact, chosen).refine(z, usable, np.zeros(3))
     assert measured.pose == pytest.approx(np.zeros(3), abs=1e-3)
-    assert measured.agreement > 0.95
+    assert measured.agreement.cosine > 0.95
     assert positive_definite(measured.covariance)
     assert np.isfinite(measured.relative_likelihood(np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]))).all()
 
@@ -100,7 +100,7 @@ def test_nothing_in_common_says_nothing(small) -> None:
     start = np.array([0.5, 0.5, 1.0])
     measured = PoseRefiner(small.exact, SETTINGS).refine(np.zeros_like(z), np.zeros_like(usable), start)
     assert measured.pose == pytest.approx(start)
-    assert measured.agreement == 0.0
+    assert measured.agreement.cosine == 0.0
     assert np.linalg.eigvalsh(measured.covariance).min() > 100.0
 
 
@@ -108,7 +108,7 @@ def test_another_image_agrees_much_less(small) -> None:
     z, usable = orientations(panorama(np.random.default_rng(0).integers(20, 235, (36, 90))), SETTINGS)
     measured = PoseRefiner(small.exact, SETTINGS).refine(z, usable, np.array([0.5, 0.5, 0.0]))
     assert np.isfinite(measured.pose).all()
-    assert measured.agreement < 0.5
+    assert measured.agreement.cosine < 0.5
 
 
 @pytest.mark.parametrize("unknown", range(5))
@@ -123,9 +123,43 @@ def test_the_equations_know_what_a_small_step_changes(fine, unknown: int) -> Non
     query, query_usable = orientations(fine.room.panorama(fine.geometry, truth + step[:3], step[3:]), smooth)
     rays = FloorRays.of(fine.geometry, fine.room.height_m)
     profile = fine.room.profile(truth[:2], 180)
-    normal, right, *_ = normal_equations(
-        view, view_usable, query, query_usable, profile, rays.floor, rays.tangents, rays.row_step, 1
-    )
+    products = column_products(view, view_usable, query, query_usable, profile, rays.floor, rays.tangents, 1)
+    normal, right, *_ = normal_equations(products, np.ones(len(profile), dtype=bool), rays.row_step)
     solved = np.linalg.solve(normal, right)
     assert solved[unknown] == pytest.approx(0.01, rel=0.25)
     assert np.abs(np.delete(solved, unknown)).max() < 0.0015
+
+
+def test_of_several_starts_the_one_that_agrees_is_refined(fine) -> None:
+    truth = np.array([0.9, 0.6, 0.4])
+    z, usable = orientations(fine.room.panorama(fine.geometry, truth), SETTINGS)
+    wrong = [np.array([1.8, 0.1, -2.0]), np.array([0.1, 0.9, 2.5])]
+    refiner = PoseRefiner(fine.exact, SETTINGS)
+    measured, agreements = refiner.refine_best(z, usable, [*wrong, truth + np.array([0.08, -0.05, 0.02])])
+    assert np.hypot(*(measured.pose - truth)[:2]) < 0.01
+    assert len(agreements) == 3
+    assert int(np.argmax(agreements)) == 2
+
+
+def test_a_start_that_suffices_is_the_last_that_is_tried(fine) -> None:
+    truth = np.array([0.9, 0.6, 0.4])
+    z, usable = orientations(fine.room.panorama(fine.geometry, truth), SETTINGS)
+    measured, agreements = PoseRefiner(fine.exact, SETTINGS).refine_best(
+        z, usable, [truth, truth + np.array([0.3, 0.0, 0.0])], 0.5
+    )
+    assert len(agreements) == 1
+    assert np.hypot(*(measured.pose - truth)[:2]) < 0.01
+
+
+def test_an_occluder_over_a_quarter_of_the_view_does_not_pull_the_pose(fine) -> None:
+    """Somebody stands close: textured, so no mask hides it."""
+    rng = np.random.default_rng(2)
+    for truth, off in starts(3):
+        image = fine.room.panorama(fine.geometry, truth)
+        pixels = image.pixels.copy()
+        pixels[:, 20:65] = rng.uniform(30.0, 220.0, (pixels.shape[0], 45)).astype(np.float32)
+        z, usable = orientations(panorama(pixels), SETTINGS)
+        measured = PoseRefiner(fine.exact, SETTINGS).refine(z, usable, truth + off)
+        assert np.hypot(*(measured.pose - truth)[:2]) < 0.012
+        hidden = measured.agreement.sectors < 0.4
+        assert 2 <= hidden.sum() <= 9
