@@ -145,7 +145,9 @@ def run(config: RunConfig, command: Sequence[str] = (), monitor: Monitor | None 
     folder = writer.finish(
         metrics,
         summary=render_summary(metrics, info),
-        report=render_report(metrics, info, records, panorama_map.references.positions, writer.path),
+        report=render_report(
+            metrics, info, records, panorama_map.references.positions, writer.path, panorama_map.references.names
+        ),
     )
     return Outcome(metrics, folder)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,11 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from panoloc_mcl.evaluation.definitions import GOOD_HEADING_DEG, GOOD_POSITION_M
 from panoloc_mcl.evaluation.record import SequenceRecord
 from panoloc_mcl.evaluation.tables import metrics_table, paper_table
-from panoloc_mcl.report import figures
+from panoloc_mcl.geometry import FloatArray
+from panoloc_mcl.report import figures, plotly_script
 from panoloc_mcl.report.facts import DEFINITIONS, facts, title_of
-from panoloc_mcl.report.rendering import template
+from panoloc_mcl.report.page import run_data
+from panoloc_mcl.report.rendering import source, template
 from panoloc_mcl.report.selection import pictured
 
 #: Runs that get pictures; more make the file slow to open.
@@ -35,6 +39,7 @@ def render_report(
     records: Sequence[SequenceRecord],
     place_positions: ArrayLike | None,
     folder: Path | None = None,
+    place_files: Sequence[str] = (),
 ) -> str:
     """Text of ``report.html``.
 
@@ -50,10 +55,14 @@ def render_report(
         Map frame, metres.
     folder : Path, optional
         Results folder with the steps and the recorded frames of these runs; without it there are only still pictures.
+    place_files : sequence of str, length P, optional
+        Images of the places.
     """
     chosen = pictured(records, MOST_PICTURES)
     places = np.zeros((0, 2)) if place_positions is None else np.asarray(place_positions, dtype=np.float64).reshape(-1, 2)
-    can_draw = figures.can_draw()
+    interactive = folder is not None and plotly_script.can_plot()
+    can_draw = figures.can_draw() and not interactive
+    data = _data(chosen, places, place_files, folder) if folder is not None and interactive else None
     wide = metrics_table(metrics, by="sequences")
     return template("report.html.j2").render(
         title=title_of(run_info),
@@ -63,8 +72,31 @@ def render_report(
         can_draw=can_draw,
         pictures=[_picture(record, places) for record in chosen] if can_draw else [],
         runs=len(records),
+        data=data,
+        # Within a page, "</script" would end the data.
+        packed=json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"),
+        plotly=plotly_script.script() if data else "",
+        script=source("report.js"),
         definitions=DEFINITIONS,
     )
+
+
+def _data(records: Sequence[SequenceRecord], places: FloatArray, place_files: Sequence[str], folder: Path) -> dict[str, Any]:
+    """What the page's script is told."""
+    runs = [run_data(record, folder) for record in records]
+    elevation = next((run["recording"]["elevation_deg"] for run in runs if run["recording"]), [0.0, 0.0])
+    return {
+        "places": {
+            "x": np.round(places[:, 0], 4).tolist(),
+            "y": np.round(places[:, 1], 4).tolist(),
+            "files": list(place_files) or [""] * len(places),
+        },
+        "limits": {"position_m": GOOD_POSITION_M, "heading_deg": GOOD_HEADING_DEG},
+        "elevation": f"{elevation[0]:g}° (bottom) to {elevation[1]:g}° (top)",
+        # Panoramas are shown with equal scales of azimuth and elevation.
+        "panorama_ratio": round(360.0 / max(elevation[1] - elevation[0], 1.0), 3),
+        "runs": runs,
+    }
 
 
 def _picture(record: SequenceRecord, places: np.ndarray[Any, np.dtype[np.float64]]) -> Picture:

@@ -82,6 +82,7 @@ class FrameRecorder:
         """
         if not self._active:
             return
+        geometry = self._scene.references.geometry
         self.recording = Recording(
             rows=np.array(self._rows, dtype=np.int64),
             panoramas=tuple(self._panoramas),
@@ -92,6 +93,7 @@ class FrameRecorder:
             prior=self._prior,
             particles=np.array(self._particles, dtype=np.float32).reshape(len(self._rows), -1, 3),
             references=self._references,
+            elevation_deg=(geometry.elevation_bottom_deg, geometry.elevation_top_deg),
         )
         if self._folder is not None:
             self.recording.save(self._folder / layout.run_folder(record.name, record.run) / layout.FRAMES)

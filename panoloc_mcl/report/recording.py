@@ -5,6 +5,7 @@ Panoramas are JPEGs, votes one byte a place, particles a few hundred of all.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,6 +46,8 @@ class Recording:
         A fair draw of them, metres and radians.
     references : dict of int to bytes
         JPEGs of the references that were best, by index.
+    elevation_deg : (float, float)
+        Of the bottom and the top of all panoramas.
     """
 
     rows: NDArray[np.int64]
@@ -56,6 +59,7 @@ class Recording:
     prior: NDArray[np.float32]
     particles: NDArray[np.float32]
     references: dict[int, bytes]
+    elevation_deg: tuple[float, float]
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -76,7 +80,7 @@ class Recording:
         references, reference_ends = _joined(list(self.references.values()))
         write_arrays(
             path,
-            {"format": FORMAT, "spacing": self.spacing},
+            {"format": FORMAT, "spacing": self.spacing, "elevation_deg": list(self.elevation_deg)},
             {
                 "rows": self.rows,
                 "panoramas": panoramas,
@@ -121,8 +125,9 @@ class Recording:
                 prior=np.asarray(arrays["prior"], dtype=np.float32),
                 particles=np.asarray(arrays["particles"], dtype=np.float32),
                 references=dict(zip(indices, _parted(arrays["references"], arrays["reference_ends"]), strict=True)),
+                elevation_deg=(float(header["elevation_deg"][0]), float(header["elevation_deg"][1])),
             )
-        except (KeyError, ValueError, TypeError) as error:
+        except (LookupError, ValueError, TypeError) as error:
             raise ResultsError(f"{path}: the recorded frames are damaged ({error}); run again") from error
         shapes = (len(recording.panoramas), len(recording.votes), len(recording.peaks), len(recording.particles))
         if set(shapes) != {len(recording)} or recording.votes.shape[1:] != recording.places.shape[:1]:
@@ -146,6 +151,6 @@ def _joined(parts: Sequence[bytes]) -> tuple[NDArray[np.uint8], NDArray[np.int64
 def _parted(joined: NDArray[np.generic], ends: NDArray[np.generic]) -> tuple[bytes, ...]:
     data = joined.tobytes()
     limits = [0, *(int(end) for end in np.atleast_1d(np.asarray(ends, dtype=np.int64)))]
-    if limits[-1] != len(data) or any(a > b for a, b in zip(limits, limits[1:], strict=False)):
+    if limits[-1] != len(data) or any(a > b for a, b in itertools.pairwise(limits)):
         raise ValueError("images are cut short")
-    return tuple(data[a:b] for a, b in zip(limits, limits[1:], strict=False))
+    return tuple(data[a:b] for a, b in itertools.pairwise(limits))

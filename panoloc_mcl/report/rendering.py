@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib import resources
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -22,6 +23,11 @@ def template(name: str) -> jinja2.Template:
     )
     environment.filters["md"] = _markdown_cell
     return environment.get_template(name)
+
+
+def source(name: str) -> str:
+    """A file beside the templates, as it is."""
+    return resources.files("panoloc_mcl.report").joinpath("templates", name).read_text(encoding="utf-8")
 
 
 def _markdown_cell(text: str) -> str:

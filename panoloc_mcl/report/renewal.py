@@ -30,7 +30,9 @@ def rewrite_figures(results: Results, metrics: Mapping[str, Any]) -> None:
     """
     texts = {
         layout.SUMMARY: render_summary(metrics, results.run_info),
-        layout.REPORT: render_report(metrics, results.run_info, results.records, results.place_positions),
+        layout.REPORT: render_report(
+            metrics, results.run_info, results.records, results.place_positions, results.path, results.place_files
+        ),
         layout.METRICS: strict_json(metrics),
     }
     for name, text in texts.items():

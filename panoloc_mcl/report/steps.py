@@ -118,6 +118,24 @@ def read_steps(path: Path) -> Steps:
     )
 
 
+def read_figures(path: Path) -> dict[str, FloatArray]:
+    """All columns of a ``steps.csv`` that hold numbers, by name, float64 (n,); NaN where a cell is empty.
+
+    Raises
+    ------
+    ResultsError
+        As `read_steps`.
+    """
+    read_steps(path)
+    with path.open(encoding="utf-8", newline="") as stream:
+        header, *rows = csv.reader(stream)
+    named = [name for name in header if name not in ("status", "message")]
+    try:
+        return {name: np.array([float(row[header.index(name)] or "nan") for row in rows]) for name in named}
+    except (ValueError, IndexError) as error:
+        raise ResultsError(f"{path}: a cell holds no number ({error}); run again") from error
+
+
 def _stages(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     stages: dict[str, None] = {}
     for i, row in enumerate(rows):

@@ -74,7 +74,7 @@ def test_without_the_plotting_library_the_report_says_how_to_get_pictures(make_r
     monkeypatch.setattr(figures, "can_draw", lambda: False)
     text = render([make_record()], run_info, places)
     assert "<svg" not in text
-    assert 'pip install "panoloc-mcl[plot]"' in text
+    assert 'pip install "panoloc-mcl[report,plot]"' in text
 
 
 def test_names_are_escaped_and_blanks_shown(make_record, places, monkeypatch):
