@@ -6,6 +6,7 @@ import pytest
 
 from panoloc_mcl.evaluation import evaluate
 from panoloc_mcl.report import figures, render_report
+from panoloc_mcl.report.figures.style import INK
 from panoloc_mcl.report.selection import pictured
 
 needs_matplotlib = pytest.mark.skipif(importlib.util.find_spec("matplotlib") is None, reason="matplotlib is not installed")
@@ -58,7 +59,7 @@ def test_pictures_are_whole_svg(make_record, places, with_truth, status, kidnapp
         assert root.get("width") is None
         assert "noon_00, run 0" in root.get("aria-label")
         assert "currentColor" in svg
-        assert figures._INK not in svg
+        assert INK not in svg
 
 
 @needs_matplotlib

@@ -1,5 +1,21 @@
 """Still and moving pictures, drawn without a display; needs the extra ``plot``."""
 
-from panoloc_mcl.report.figures.runs import _INK, can_draw, draw_errors, draw_trajectory, errors_svg, trajectory_svg
+from panoloc_mcl.report.figures.animation import animation
+from panoloc_mcl.report.figures.runs import draw_errors, draw_trajectory, errors_svg, trajectory_svg
+from panoloc_mcl.report.figures.scene import draw_frame
+from panoloc_mcl.report.figures.series import draw_series
+from panoloc_mcl.report.figures.style import FORMATS, can_draw, style, write_figure
 
-__all__ = ["_INK", "can_draw", "draw_errors", "draw_trajectory", "errors_svg", "trajectory_svg"]
+__all__ = [
+    "FORMATS",
+    "animation",
+    "can_draw",
+    "draw_errors",
+    "draw_frame",
+    "draw_series",
+    "draw_trajectory",
+    "errors_svg",
+    "style",
+    "trajectory_svg",
+    "write_figure",
+]

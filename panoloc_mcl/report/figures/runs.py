@@ -1,15 +1,8 @@
-"""Pictures of one run as SVG text, drawn without a display; needs the extra ``plot``.
-
-Lines and text take the colour of the text around them, so that the pictures suit a light and a dark page. Blue and vermilion
-are told apart by colour-blind readers too.
-"""
+"""Trajectory and errors of one run."""
 
 from __future__ import annotations
 
-import importlib.util
-import io
-import re
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,45 +10,17 @@ from numpy.typing import NDArray
 from panoloc_mcl.evaluation.definitions import GOOD_HEADING_DEG, GOOD_POSITION_M
 from panoloc_mcl.evaluation.record import SequenceRecord
 from panoloc_mcl.geometry import FloatArray
+from panoloc_mcl.report.figures.style import CONVERGED, INK, PLACES, SEARCHING, WIDTH_IN, style, svg_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-CONVERGED = "#2a87c8"
-SEARCHING = "#d55e00"
-PLACES = "#888888"
-# Stands for the colour of the page's text until the SVG is written.
-_INK = "#010203"
-
-_STYLE = {
-    "font.size": 9.0,
-    "axes.edgecolor": _INK,
-    "axes.labelcolor": _INK,
-    "axes.linewidth": 0.6,
-    "axes.spines.right": False,
-    "axes.spines.top": False,
-    "grid.color": _INK,
-    "grid.alpha": 0.15,
-    "grid.linewidth": 0.5,
-    "legend.frameon": False,
-    "legend.fontsize": 8.5,
-    "svg.fonttype": "none",
-    "text.color": _INK,
-    "xtick.color": _INK,
-    "ytick.color": _INK,
-}
-_WIDTH_IN = 4.5
 # More than these only make the file large: markers of places are then one image, lines take the largest error of a bin.
 _MOST_MARKERS = 300
 _MOST_POINTS = 1500
 # A logarithmic axis shows no zero.
 _LEAST_M, _LEAST_DEG = 1e-3, 1e-2
-
-
-def can_draw() -> bool:
-    """Whether the plotting library is there."""
-    return importlib.util.find_spec("matplotlib") is not None
 
 
 def trajectory_svg(record: SequenceRecord, place_positions: FloatArray) -> str:
@@ -71,17 +36,17 @@ def trajectory_svg(record: SequenceRecord, place_positions: FloatArray) -> str:
     str
         An ``<svg>`` element.
     """
-    with _style(f"trajectory {record.name} {record.run}"):
+    with style(f"trajectory {record.name} {record.run}"):
         figure = draw_trajectory(record, place_positions)
-        return _svg(figure, f"{record.name}, run {record.run}: estimated and true trajectory on the places")
+        return svg_text(figure, f"{record.name}, run {record.run}: estimated and true trajectory on the places")
 
 
 def errors_svg(record: SequenceRecord) -> str | None:
     """Position and heading error over time as an ``<svg>`` element; None without truth."""
     if record.truth is None:
         return None
-    with _style(f"errors {record.name} {record.run}"):
-        return _svg(draw_errors(record), f"{record.name}, run {record.run}: position and heading error over time")
+    with style(f"errors {record.name} {record.run}"):
+        return svg_text(draw_errors(record), f"{record.name}, run {record.run}: position and heading error over time")
 
 
 def draw_trajectory(record: SequenceRecord, place_positions: FloatArray) -> Figure:
@@ -95,8 +60,8 @@ def draw_trajectory(record: SequenceRecord, place_positions: FloatArray) -> Figu
     everything = np.concatenate(drawn)
     extent = np.ptp(everything if len(everything) else record.poses[:, :2], axis=0) + 0.5
     # Tall enough that the equal axes fill the width, within reason.
-    height = float(np.clip((_WIDTH_IN - 0.6) * extent[1] / extent[0], 1.6, 4.6)) + 1.0
-    figure = Figure(figsize=(_WIDTH_IN, height), layout="constrained", facecolor="none")
+    height = float(np.clip((WIDTH_IN - 0.6) * extent[1] / extent[0], 1.6, 4.6)) + 1.0
+    figure = Figure(figsize=(WIDTH_IN, height), layout="constrained", facecolor="none")
     axes = figure.add_subplot(facecolor="none")
     axes.set_axisbelow(True)
     axes.grid(True)
@@ -106,8 +71,8 @@ def draw_trajectory(record: SequenceRecord, place_positions: FloatArray) -> Figu
         x, y = place_positions.T
         axes.scatter(x, y, s=size, marker="+", color=PLACES, linewidths=0.7, label="places", rasterized=many)
     if record.truth is not None:
-        axes.plot(*_split(record.truth[:, :2], record.kidnapped), color=_INK, linewidth=1.0, label="truth")
-        axes.plot(*record.truth[0, :2], color=_INK, marker="o", markersize=4.5, linestyle="none", label="start")
+        axes.plot(*_split(record.truth[:, :2], record.kidnapped), color=INK, linewidth=1.0, label="truth")
+        axes.plot(*record.truth[0, :2], color=INK, marker="o", markersize=4.5, linestyle="none", label="start")
     if converged.any():
         estimate = np.where(converged[:, None], record.poses[:, :2], np.nan)
         line = _split(estimate, record.kidnapped)
@@ -131,7 +96,7 @@ def draw_errors(record: SequenceRecord) -> Figure:
     position, heading = record.position_error_m, record.heading_error_deg
     assert position is not None
     assert heading is not None
-    figure = Figure(figsize=(_WIDTH_IN, 3.9), layout="constrained", facecolor="none")
+    figure = Figure(figsize=(WIDTH_IN, 3.9), layout="constrained", facecolor="none")
     upper, lower = figure.subplots(2, 1, sharex=True)
     seconds = record.times - record.times[0]
     _draw_error(upper, record, seconds, np.maximum(position, _LEAST_M), GOOD_POSITION_M)
@@ -160,10 +125,10 @@ def _draw_error(axes: Axes, record: SequenceRecord, seconds: FloatArray, error: 
         label = None
     x, y = _largest_of_bins(seconds, error)
     axes.plot(x, y, color=CONVERGED, linewidth=1.1, marker="." if len(x) < 40 else None, markersize=3, label="error")
-    axes.axhline(limit, color=_INK, linewidth=0.9, linestyle=(0, (4, 3)), label="limit of success")
+    axes.axhline(limit, color=INK, linewidth=0.9, linestyle=(0, (4, 3)), label="limit of success")
     label = "teleport"
     for i in np.flatnonzero(record.kidnapped):
-        axes.axvline(seconds[i], color=_INK, linewidth=0.9, linestyle=(0, (1, 2)), label=label)
+        axes.axvline(seconds[i], color=INK, linewidth=0.9, linestyle=(0, (1, 2)), label=label)
         label = None
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.yaxis.set_minor_formatter(NullFormatter())
@@ -184,24 +149,3 @@ def _largest_of_bins(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArr
     width = -(-len(x) // _MOST_POINTS)
     starts = np.arange(0, len(x), width)
     return x[starts], np.maximum.reduceat(y, starts)
-
-
-def _style(salt: str) -> Any:
-    import matplotlib
-
-    # The salt makes the names within each picture its own, and the same on every run.
-    return matplotlib.rc_context({**_STYLE, "svg.hashsalt": salt})
-
-
-def _svg(figure: Figure, description: str) -> str:
-    import html
-
-    out = io.StringIO()
-    figure.savefig(out, format="svg", dpi=150, metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
-    text = out.getvalue().replace(_INK, "currentColor")
-    head, _, body = text[text.index("<svg") :].partition(">")
-    # The page decides the width; the view box keeps the proportions.
-    head = " ".join(part for part in head.split() if not part.startswith(("width=", "height=")))
-    # Names of groups are the same in every picture, and nothing refers to them.
-    body = re.sub(r'<g id="[^"]*"', "<g", body)
-    return f'{head} role="img" aria-label="{html.escape(description)}">{body.strip()}'
