@@ -30,7 +30,7 @@ CONDITIONS = ("", "bars:0.6", "random_pixels:0.5", "spatial_light", "blobs:0.4")
 #: A pose is right within this distance, metres.
 RIGHT_WITHIN_M = 0.25
 # Weights of the regression stay small where a few images say little.
-_RIDGE = 0.01
+_RIDGE = 0.005
 _BINS = 10
 
 
