@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import json
 
-from panoloc_mcl.cli.command import Command, add_set_option, overrides_of
+from panoloc_mcl.cli.command import Command, add_json_option, add_set_option, overrides_of
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """DATASET, ``-o``, ``--set``."""
+    """DATASET, ``-o``, ``--set``, ``--json``."""
     parser.add_argument("dataset", metavar="DATASET", help="folder of a data set, or the name of an embedded one (room)")
     parser.add_argument("-o", "--output", metavar="FILE", required=True, help="the map file, such as hall.panomap")
     add_set_option(parser)
+    add_json_option(parser)
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -30,6 +32,20 @@ def execute(args: argparse.Namespace) -> int:
             watching.notice(f"map: {note}")
         built.save(args.output)
     geometry = built.geometry
+    if args.json:
+        print(
+            json.dumps(
+                {
+                    "map": args.output,
+                    "name": built.name,
+                    "references": len(built.references),
+                    "panorama": [geometry.width, geometry.height],
+                    "model": config.observation.model,
+                    "notes": list(built.notes),
+                }
+            )
+        )
+        return 0
     print(
         f"{built.name}: {len(built.references.names)} places, panoramas of {geometry.width} x {geometry.height} pixels, "
         f"model {config.observation.model}"

@@ -44,6 +44,11 @@ def add_set_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_json_option(parser: argparse.ArgumentParser) -> None:
+    """``--json``."""
+    parser.add_argument("--json", action="store_true", help="print one JSON object for machines instead of tables and lines")
+
+
 def overrides_of(args: argparse.Namespace, named: Sequence[Override] = ()) -> list[str | Override]:
     """The values given with ``--set``, and after them those of options of their own, which beat them."""
     return [*args.overrides, *named]

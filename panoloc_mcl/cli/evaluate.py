@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import argparse
 
-from panoloc_mcl.cli.command import Command
+from panoloc_mcl.cli.command import Command, add_json_option
 from panoloc_mcl.cli.notices import note
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """RESULTS, ``--write``."""
+    """RESULTS, ``--write``, ``--json``."""
     parser.add_argument("results", metavar="RESULTS", help="a results folder, or 'latest' beside it")
     parser.add_argument("--write", action="store_true", help="also write metrics.json, summary.md and report.html anew")
+    add_json_option(parser)
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -19,16 +20,17 @@ def execute(args: argparse.Namespace) -> int:
     from pathlib import Path
 
     from panoloc_mcl.evaluation import evaluate
-    from panoloc_mcl.report import print_metrics, read_results, rewrite_figures, same_metrics
+    from panoloc_mcl.report import print_metrics, read_results, rewrite_figures, same_metrics, strict_json
 
     results = read_results(Path(args.results))
     metrics = evaluate(results.records, results.place_positions)
-    print_metrics(metrics, beside_paper=results.run_info.get("mode") == "kalman_orientation")
+    if not args.json:
+        print_metrics(metrics, beside_paper=results.run_info.get("mode") == "kalman_orientation")
     if args.write:
         rewrite_figures(results, metrics)
     elif not same_metrics(metrics, results.metrics):
         note(f"{results.path}: metrics.json holds other figures; write these with --write")
-    print(results.path)
+    print(strict_json({"folder": str(results.path), "metrics": metrics}).rstrip() if args.json else results.path)
     return 0
 
 

@@ -4,7 +4,7 @@ from panoloc_mcl.report.html import render_report
 from panoloc_mcl.report.recorder import FrameRecorder
 from panoloc_mcl.report.recording import Recording
 from panoloc_mcl.report.renewal import rewrite_figures, same_metrics
-from panoloc_mcl.report.results_folder import ResultsWriter
+from panoloc_mcl.report.results_folder import ResultsWriter, strict_json
 from panoloc_mcl.report.results_reader import Results, read_results
 from panoloc_mcl.report.summary import render_summary
 from panoloc_mcl.report.terminal import print_metrics
@@ -20,4 +20,5 @@ __all__ = [
     "render_summary",
     "rewrite_figures",
     "same_metrics",
+    "strict_json",
 ]
