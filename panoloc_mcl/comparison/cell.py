@@ -88,11 +88,14 @@ class Job:
         Digest of references and sequences.
     key : str
         Digest of everything: names the cell's file.
+    map : str
+        Names the map that is needed: jobs with the same one can share it.
     """
 
     cell: Cell
     data: str
     key: str
+    map: str
 
 
 def make_job(cell: Cell, dataset: Dataset) -> Job:
@@ -119,7 +122,8 @@ def make_job(cell: Cell, dataset: Dataset) -> Job:
         "frames": cell.frames,
         "data": data,
     }
-    return Job(cell, data, hashlib.sha256(json.dumps(description, sort_keys=True).encode()).hexdigest()[:32])
+    key = hashlib.sha256(json.dumps(description, sort_keys=True).encode()).hexdigest()[:32]
+    return Job(cell, data, key, json.dumps(_key_of_map(cell, dataset)))
 
 
 def data_digest(dataset: Dataset, config: RunConfig) -> str:
@@ -139,11 +143,6 @@ def prepare(job: Job) -> None:
             _map(job, _dataset(job.cell.config.dataset))
     except Exception:
         return
-
-
-def map_of(job: Job) -> str:
-    """Names the map that a job needs: jobs with the same one can share it."""
-    return json.dumps(_key_of_map(job, _dataset(job.cell.config.dataset)))
 
 
 def attempt(job: Job) -> Runs | Failure:
@@ -290,16 +289,16 @@ MapKey = tuple[str, str, str, int]
 _MAPS: dict[MapKey, tuple[PanoramaMap, ObservationModel]] = {}
 
 
-def _key_of_map(job: Job, dataset: Dataset) -> MapKey:
-    config = job.cell.config
+def _key_of_map(cell: Cell, dataset: Dataset) -> MapKey:
+    config = cell.config
     source = _references_digest(dataset) if config.map is None else _content(config.map).hex()
     seed = config.seed if MODELS[config.observation.model].draws else 0
-    return source, job.cell.method["references"], config.observation.model_dump_json(), seed
+    return source, cell.method["references"], config.observation.model_dump_json(), seed
 
 
 def _map(job: Job, dataset: Dataset) -> tuple[PanoramaMap, ObservationModel]:
     """The map that a job needs; the last few are kept in memory, all of them in the cache of files."""
-    key = _key_of_map(job, dataset)
+    key = _key_of_map(job.cell, dataset)
     if key not in _MAPS:
         while len(_MAPS) >= _MAPS_KEPT:
             _MAPS.pop(next(iter(_MAPS)))

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from typing import Any, Protocol
 
 from panoloc_mcl import __version__
-from panoloc_mcl.comparison.cell import Failure, Job, Runs, attempt, map_of, prepare
+from panoloc_mcl.comparison.cell import Failure, Job, Runs, attempt, prepare
 from panoloc_mcl.errors import PanolocError
 
 _CONNECT_S = 10
@@ -94,10 +94,9 @@ class OnDask:
         maps: dict[str, Any] = {}
         futures: dict[Any, Job] = {}
         for job in jobs:
-            name = map_of(job)
-            if name not in maps:
-                maps[name] = self._client.submit(prepare, job, pure=False, retries=_RETRIES)
-            future = self._client.submit(_after, maps[name], job, pure=False, retries=_RETRIES)
+            if job.map not in maps:
+                maps[job.map] = self._client.submit(prepare, job, pure=False, retries=_RETRIES)
+            future = self._client.submit(_after, maps[job.map], job, pure=False, retries=_RETRIES)
             futures[future] = job
         finished = as_completed(futures, raise_errors=False)
         for future in finished:
