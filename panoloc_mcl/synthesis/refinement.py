@@ -191,8 +191,7 @@ class PoseRefiner:
 
     def _equations(self, query: Complex64, query_usable: Bool, position: Float64, step: Step) -> _Equations:
         """Normal equations against the views of the nearest references, the nearer the more."""
-        sources = min(step.sources, len(self._synthesizer.references))
-        distances, indices = (np.atleast_1d(part) for part in self._tree.query(position, k=sources))
+        distances, indices = self._sources_around(position, step.sources)
         rays = self._synthesizer.rays
         # Contiguous, as strided arrays would compile the kernel a second time.
         floor, tangents = (np.ascontiguousarray(part[:: step.stride]) for part in (rays.floor, rays.tangents))
@@ -220,6 +219,13 @@ class PoseRefiner:
             pixels += weight * part[3]
             columns += products[-3:]
         return _Equations(normal, right, residual, pixels, Agreement.of_columns(*columns))
+
+    def _sources_around(self, position: Float64, count: int) -> tuple[Float64, NDArray[np.int64]]:
+        """The nearest references that views can be made from; beside one that stands alone, that one."""
+        distance, nearest = self._tree.query(position)
+        if self._synthesizer.alone[nearest]:
+            return np.array([distance]), np.array([nearest])
+        return self._synthesizer.sources_around(position, count)
 
     def _view(self, source: int, position: Float64, profile: Float64, step: Step) -> tuple[Complex64, Bool]:
         if step.fine:
