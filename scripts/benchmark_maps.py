@@ -53,19 +53,26 @@ def building(dataset: Dataset, repeats: int) -> None:
     """Print time, memory and size of a map, and the time as a ratio to plain NumPy."""
     references = read_references(dataset)
     numpy_build = plain_numpy(references)
-    votes = settings().observation.votes
+    calibrated = settings().observation.votes
+    # The peer calibrates nothing.
+    votes = calibrated.model_copy(update={"calibration_references": 0})
     # Kernels are compiled before anything is timed.
     VotesModel.build(
         replace(references, pixels=references.pixels[:2], positions=references.positions[:2], names=references.names[:2]),
         settings(2, spacing_m=0.5).observation.votes,
     )
-    times: dict[str, list[float]] = {"package": [], "NumPy": []}
+    builds = {
+        "package": lambda: VotesModel.build(references, votes),
+        "NumPy": numpy_build,
+        "calibrated": lambda: VotesModel.build(references, calibrated),
+    }
+    times: dict[str, list[float]] = {name: [] for name in builds}
     for _ in range(repeats):
-        for name, build in (("package", lambda: VotesModel.build(references, votes)), ("NumPy", numpy_build)):
+        for name, build in builds.items():
             begin = time.process_time()
             build()
             times[name].append(time.process_time() - begin)
-    package, peer = (float(np.median(times[name])) for name in ("package", "NumPy"))
+    package, peer, whole = (float(np.median(times[name])) for name in builds)
     with tempfile.TemporaryDirectory() as folder:
         path = str(Path(folder) / "map")
         built = in_a_process("build_and_save", str(dataset.path), path)
@@ -76,7 +83,8 @@ def building(dataset: Dataset, repeats: int) -> None:
     print("Depths, views and eigenspace, one thread; processor time, median of", f"{repeats}, both in turn.\n")
     print("| what | figure |\n|---|---|")
     print(f"| plain NumPy and OpenCV (tests/oracles/building.py) / panoloc_mcl | {peer / package:.2f} |")
-    print(f"| panoloc_mcl | {package:.1f} s |")
+    print(f"| the same with the calibration on held-out references / without | {whole / package:.2f} |")
+    print(f"| panoloc_mcl without it | {package:.1f} s |")
     print(f"| peak memory of a process that reads the data set, builds and saves | {built['peak_mb']:.0f} MB |")
     print(f"| map file | {built['file_mb']:.1f} MB |")
     print(f"| load the map and make its observation model | {loaded['seconds']:.3f} s |")
