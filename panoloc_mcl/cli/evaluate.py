@@ -1,16 +1,23 @@
-"""``panoloc evaluate``: the figures again, from the files of a results folder."""
+"""``panoloc evaluate``: the figures again, from the files of a results folder; or those of a foreign trajectory."""
 
 from __future__ import annotations
 
 import argparse
+from typing import TYPE_CHECKING, Any
 
 from panoloc_mcl.cli.command import Command, add_json_option
 from panoloc_mcl.cli.notices import note
 
+if TYPE_CHECKING:
+    from pathlib import Path
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """RESULTS, ``--write``, ``--json``."""
-    parser.add_argument("results", metavar="RESULTS", help="a results folder, or 'latest' beside it")
+    """RESULTS, ``--groundtruth``, ``--write``, ``--json``."""
+    parser.add_argument(
+        "results", metavar="RESULTS", help="a results folder, or 'latest' beside it; or any trajectory in TUM's form"
+    )
+    parser.add_argument("--groundtruth", metavar="FILE", help="the truth of a foreign trajectory, in TUM's form, too")
     parser.add_argument("--write", action="store_true", help="also write metrics.json, summary.md and report.html anew")
     add_json_option(parser)
 
@@ -19,10 +26,27 @@ def execute(args: argparse.Namespace) -> int:
     """Compute and print; leave the folder alone unless asked, but say so if it holds other figures."""
     from pathlib import Path
 
-    from panoloc_mcl.evaluation import evaluate
-    from panoloc_mcl.report import print_metrics, read_results, rewrite_figures, same_metrics, strict_json
+    from panoloc_mcl.errors import ResultsError
+    from panoloc_mcl.report import strict_json
 
-    results = read_results(Path(args.results))
+    path = Path(args.results)
+    # `latest` is a file where links are not possible.
+    foreign = path.is_file() and path.name != "latest"
+    if foreign and args.groundtruth is None:
+        raise ResultsError(f"{path}: is a file; name its truth with --groundtruth FILE, or name a results folder")
+    if args.groundtruth is not None and (args.write or path.is_dir()):
+        what = "--write" if args.write else f"{path}"
+        raise ResultsError(f"{what}: a results folder has its own truth; --groundtruth goes with a single trajectory file")
+    whole, metrics = _foreign(path, Path(args.groundtruth), args.json) if args.groundtruth else _own(path, args)
+    print(strict_json({"folder": str(whole), "metrics": metrics}).rstrip() if args.json else whole)
+    return 0
+
+
+def _own(path: Path, args: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
+    from panoloc_mcl.evaluation import evaluate
+    from panoloc_mcl.report import print_metrics, read_results, rewrite_figures, same_metrics
+
+    results = read_results(path)
     metrics = evaluate(results.records, results.place_positions)
     if not args.json:
         print_metrics(metrics, beside_paper=results.run_info.get("mode") == "kalman_orientation")
@@ -30,8 +54,20 @@ def execute(args: argparse.Namespace) -> int:
         rewrite_figures(results, metrics)
     elif not same_metrics(metrics, results.metrics):
         note(f"{results.path}: metrics.json holds other figures; write these with --write")
-    print(strict_json({"folder": str(results.path), "metrics": metrics}).rstrip() if args.json else results.path)
-    return 0
+    return results.path, metrics
 
 
-COMMAND = Command("evaluate", "compute the metrics of a results folder again", add_arguments, execute)
+def _foreign(estimate: Path, truth: Path, silent: bool) -> tuple[Path, dict[str, Any]]:
+    from panoloc_mcl.comparison.foreign import evaluate_tum, record_of_tum
+    from panoloc_mcl.report import print_metrics
+
+    record, left_out = record_of_tum(estimate, truth)
+    metrics = evaluate_tum(record)
+    if not silent:
+        print_metrics(metrics, beside_paper=False)
+    if left_out:
+        note(f"{estimate}: {left_out} of {len(record) + left_out} poses left out, for which there is no truth")
+    return estimate, metrics
+
+
+COMMAND = Command("evaluate", "compute the metrics of a results folder, or of any TUM trajectory", add_arguments, execute)

@@ -60,3 +60,52 @@ def test_what_is_no_results_folder(panoloc, tmp_path, results):
         (line,) = done.err.splitlines()
         assert what in line
         assert done.out == ""
+
+
+@pytest.fixture
+def foreign(full_run, tmp_path):
+    """A trajectory and its truth, as another program may have left them: with rates of their own."""
+    run = full_run.folder / "noon_00" / "run_0"
+    for name in ("trajectory.tum", "groundtruth.tum"):
+        shutil.copy(run / name, tmp_path / name)
+    return tmp_path / "trajectory.tum", tmp_path / "groundtruth.tum"
+
+
+def test_a_foreign_trajectory_has_the_errors_that_evo_gives(panoloc, foreign, full_run):
+    estimate, truth = foreign
+    done = panoloc("evaluate", estimate, "--groundtruth", truth, "--json")
+    assert done.code == 0
+    found = json.loads(done.out)["metrics"]["overall"]
+    own = json.loads((full_run.folder / "metrics.json").read_text())["sequences"]["noon_00"]
+    for name in ("frames", "ape_rmse_m", "within", "tracks_lost"):
+        assert found[name] == own[name], name
+    assert found["frames_to_converge_median"] is None
+    assert found["global_success"]["rate"] is None
+    assert found["recognition"]["rate"] is None
+    assert "APE, RMSE" in panoloc("evaluate", estimate, "--groundtruth", truth).out
+
+
+def test_poses_without_truth_are_left_out(panoloc, foreign):
+    estimate, truth = foreign
+    lines = truth.read_text().splitlines(keepends=True)
+    truth.write_text("".join(lines[:-5]))
+    done = panoloc("evaluate", estimate, "--groundtruth", truth)
+    assert done.code == 0
+    assert "5 of 20 poses left out" in done.err
+
+
+def test_foreign_files_that_do_not_fit(panoloc, foreign, results):
+    estimate, truth = foreign
+    other = estimate.with_name("other.tum")
+    other.write_text("1e9 0 0 0 0 0 0 1\n")
+    for words, what in (
+        ((estimate,), "--groundtruth FILE"),
+        ((results, "--groundtruth", truth), "has its own truth"),
+        ((estimate, "--groundtruth", truth, "--write"), "--write"),
+        ((estimate, "--groundtruth", other), "nothing in common"),
+        ((estimate, "--groundtruth", estimate.with_name("none.tum")), "no such file"),
+    ):
+        done = panoloc("evaluate", *words)
+        assert done.code == 2
+        (line,) = done.err.splitlines()
+        assert what in line
