@@ -6,12 +6,22 @@ import os
 import sys
 from collections.abc import Sequence
 
-from panoloc_mcl.cli import build_map, check, compare, evaluate, run, warmup
+from panoloc_mcl.cli import build_map, check, compare, demo, evaluate, plot, run, simulate, warmup
 from panoloc_mcl.cli.notices import plain_warnings
 from panoloc_mcl.cli.parser import parse
 from panoloc_mcl.errors import PanolocError
 
-COMMANDS = (run.COMMAND, build_map.COMMAND, compare.COMMAND, evaluate.COMMAND, check.COMMAND, warmup.COMMAND)
+COMMANDS = (
+    demo.COMMAND,
+    run.COMMAND,
+    simulate.COMMAND,
+    build_map.COMMAND,
+    compare.COMMAND,
+    evaluate.COMMAND,
+    plot.COMMAND,
+    check.COMMAND,
+    warmup.COMMAND,
+)
 
 EXIT_FAULT = 2
 EXIT_INTERRUPTED = 130

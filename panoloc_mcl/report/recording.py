@@ -64,6 +64,21 @@ class Recording:
     def __len__(self) -> int:
         return len(self.rows)
 
+    def frame_of(self, row: int) -> int:
+        """Index of the recorded frame of a row of ``steps.csv``.
+
+        Raises
+        ------
+        ResultsError
+            It was not recorded.
+        """
+        found = np.flatnonzero(self.rows == row)
+        if not len(found):
+            every = int(self.rows[1] - self.rows[0]) if len(self.rows) > 1 else 1
+            shown = f"0 to {self.rows[-1]}" + (f" in steps of {every}" if every > 1 else "") if len(self.rows) else "none"
+            raise ResultsError(f"frame {row}: was not recorded; there are {shown}")
+        return int(found[0])
+
     def field(self, frame: int) -> FloatArray:
         """Votes of the places at one frame, float64 (k,)."""
         return np.asarray(self.votes[frame] * (self.peaks[frame] / FULL), dtype=np.float64)

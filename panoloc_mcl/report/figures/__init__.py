@@ -1,20 +1,24 @@
 """Still and moving pictures, drawn without a display; needs the extra ``plot``."""
 
 from panoloc_mcl.report.figures.animation import animation
+from panoloc_mcl.report.figures.overview import draw_overview
 from panoloc_mcl.report.figures.runs import draw_errors, draw_trajectory, errors_svg, trajectory_svg
-from panoloc_mcl.report.figures.scene import draw_frame
+from panoloc_mcl.report.figures.scene import Shot, draw_frame
 from panoloc_mcl.report.figures.series import draw_series
-from panoloc_mcl.report.figures.style import FORMATS, can_draw, style, write_figure
+from panoloc_mcl.report.figures.style import FORMATS, can_draw, need_matplotlib, style, write_figure
 
 __all__ = [
     "FORMATS",
+    "Shot",
     "animation",
     "can_draw",
     "draw_errors",
     "draw_frame",
+    "draw_overview",
     "draw_series",
     "draw_trajectory",
     "errors_svg",
+    "need_matplotlib",
     "style",
     "trajectory_svg",
     "write_figure",

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from panoloc_mcl.errors import ResultsError
 from panoloc_mcl.evaluation.definitions import GOOD_HEADING_DEG, GOOD_POSITION_M
 from panoloc_mcl.evaluation.record import SequenceRecord
 from panoloc_mcl.geometry import FloatArray
@@ -90,12 +91,20 @@ def draw_trajectory(record: SequenceRecord, place_positions: FloatArray) -> Figu
 
 
 def draw_errors(record: SequenceRecord) -> Figure:
-    """The figure behind ``errors_svg``; the record must have truth."""
+    """The figure behind ``errors_svg``.
+
+    Raises
+    ------
+    ResultsError
+        The record has no truth.
+    """
     from matplotlib.figure import Figure
 
     position, heading = record.position_error_m, record.heading_error_deg
-    assert position is not None
-    assert heading is not None
+    if position is None or heading is None:
+        raise ResultsError(
+            f"sequence {record.name}: has no ground truth, so there are no errors to draw; draw trajectory or status"
+        )
     figure = Figure(figsize=(WIDTH_IN, 3.9), layout="constrained", facecolor="none")
     upper, lower = figure.subplots(2, 1, sharex=True)
     seconds = record.times - record.times[0]

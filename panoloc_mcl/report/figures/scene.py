@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.evaluation import SequenceRecord
 from panoloc_mcl.geometry import FloatArray
-from panoloc_mcl.report.figures.style import BLUE, INK, ORANGE, PLACES, RED
+from panoloc_mcl.report import layout
+from panoloc_mcl.report.figures.style import INK, ORANGE, PLACES, RED, VOTE_COLORS
 from panoloc_mcl.report.page import grid_of
 from panoloc_mcl.report.recording import Recording
+from panoloc_mcl.report.results_reader import Results
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,6 +42,18 @@ class Shot:
     record: SequenceRecord
     recording: Recording
     references: FloatArray
+
+    @classmethod
+    def of(cls, results: Results, record: SequenceRecord) -> Shot:
+        """A run of a results folder.
+
+        Raises
+        ------
+        ResultsError
+            No frames were recorded, or they are damaged.
+        """
+        folder = results.path / layout.run_folder(record.name, record.run)
+        return cls(record, Recording.load(folder / layout.FRAMES), results.place_positions)
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
@@ -165,7 +179,7 @@ class Stage:
         left, right, bottom, top = shot.extent
         self._length = _POINTER * max(right - left, top - bottom)
         most = float(max(shot.recording.peaks.max(initial=0.0), 1e-6))
-        colors = LinearSegmentedColormap.from_list("votes", ["#f4f8fb", "#cfe2ef", "#7fb3d5", BLUE])
+        colors = LinearSegmentedColormap.from_list("votes", list(VOTE_COLORS))
         self._votes = axes.imshow(
             shot.votes(-1), origin="lower", extent=shot.extent, cmap=colors, vmin=0.0, vmax=most, interpolation="nearest"
         )

@@ -45,7 +45,7 @@ def draw_series(name: str, record: SequenceRecord, steps: Mapping[str, FloatArra
         label = None
     axes.set_xlabel("time since the first image [s]")
     axes.margins(x=0.01)
-    figure.legend(loc="outside upper left", ncols=5, handlelength=1.4, columnspacing=1.0)
+    figure.legend(loc="outside upper left", ncols=3, handlelength=1.4, columnspacing=1.0)
     return figure
 
 

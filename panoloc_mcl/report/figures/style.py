@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 WIDTH_IN = 4.5
 BLUE, ORANGE, GREEN, RED, PINK, SKY = "#0072b2", "#e69f00", "#009e73", "#d55e00", "#cc79a7", "#56b4e9"
 STATUS_COLORS = {"searching": ORANGE, "converged": BLUE, "ambiguous": PINK, "lost": RED}
+#: From no votes to the most.
+VOTE_COLORS = ("#f4f8fb", "#cfe2ef", "#7fb3d5", BLUE)
 #: Endings of the files that figures can be written to.
 FORMATS = (".pdf", ".png", ".svg")
 CONVERGED = "#2a87c8"
@@ -52,6 +54,18 @@ STYLE = {
 def can_draw() -> bool:
     """Whether the plotting library is there."""
     return importlib.util.find_spec("matplotlib") is not None
+
+
+def need_matplotlib() -> None:
+    """Make sure that there is something to draw with.
+
+    Raises
+    ------
+    OutputError
+        Matplotlib is not installed.
+    """
+    if not can_draw():
+        raise OutputError('pictures need matplotlib, which is not installed; pip install "panoloc-mcl[plot]"')
 
 
 def style(salt: str = "") -> Any:

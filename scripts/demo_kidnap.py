@@ -1,0 +1,35 @@
+"""Carried away every ten images, odometry silent: the robot gets lost, notices, and finds back. Writes a report and a moving picture.
+
+    python scripts/demo_kidnap.py [DATASET]
+
+Slowed down as in demo_relocalize.py.
+"""
+
+import sys
+
+from panoloc_mcl.config import config_from_mapping
+from panoloc_mcl.pipeline import run
+from panoloc_mcl.report import print_metrics, read_results
+from panoloc_mcl.report.figures import Shot, animation
+
+settings = {
+    "name": "demo_kidnap",
+    "sequences": ["evening_00"],
+    "kidnap": {"every_frames": 10},
+    "observation": {"votes": {"tolerance": 0.3, "refinement": {"enabled": False}}},
+    "localizer": {"monte_carlo": {"particles": 5000, "recovery": {"max_share": 0.1}}, "status": {"lost_match": 0.3}},
+}
+if len(sys.argv) > 1:
+    settings["dataset"] = sys.argv[1]
+
+outcome = run(config_from_mapping(settings, "demo"))
+print_metrics(outcome.metrics, beside_paper=False)
+
+results = read_results(outcome.folder)
+record = results.records[0]
+for stamp, status, kidnapped in zip(record.times, record.status, record.kidnapped, strict=True):
+    print(f"{stamp - record.times[0]:7.1f} s  {'carried away, ' if kidnapped else ''}{status}")
+
+animation(Shot.of(results, record), outcome.folder / "demo.gif")
+print(outcome.folder / "demo.gif")
+print(outcome.folder / "report.html")
