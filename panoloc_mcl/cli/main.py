@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import Sequence
 
-from panoloc_mcl.cli import build_map, check, compare, demo, evaluate, plot, run, simulate, warmup
+from panoloc_mcl.cli import build_map, check, compare, demo, evaluate, inspect, plot, run, simulate, warmup
 from panoloc_mcl.cli.notices import plain_warnings
 from panoloc_mcl.cli.parser import parse
 from panoloc_mcl.errors import PanolocError
@@ -18,6 +18,7 @@ COMMANDS = (
     build_map.COMMAND,
     compare.COMMAND,
     evaluate.COMMAND,
+    inspect.COMMAND,
     plot.COMMAND,
     check.COMMAND,
     warmup.COMMAND,
