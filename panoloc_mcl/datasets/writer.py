@@ -32,6 +32,8 @@ class DatasetWriter:
     name, description, licence : str
     camera : PanoramaCamera or OmniCamera
         Of all images in folders that get no camera of their own.
+    resume : bool
+        Go on in a folder that an earlier writer was stopped in.
 
     Raises
     ------
@@ -40,16 +42,22 @@ class DatasetWriter:
     """
 
     def __init__(
-        self, path: Path, name: str, camera: PanoramaCamera | OmniCamera, description: str = "", licence: str = ""
+        self,
+        path: Path,
+        name: str,
+        camera: PanoramaCamera | OmniCamera,
+        description: str = "",
+        licence: str = "",
+        resume: bool = False,
     ) -> None:
-        if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        if not resume and path.exists() and (not path.is_dir() or any(path.iterdir())):
             raise DatasetError(f"{path}: already exists and is not empty; choose another folder or remove it")
         self.path, self.name, self.camera = path, name, camera
         self.description, self.licence = description, licence
 
     def add_references(
         self,
-        images: Iterable[Image],
+        images: Iterable[Image | None],
         poses: ArrayLike,
         camera: PanoramaCamera | OmniCamera | None = None,
         names: Iterable[str] | None = None,
@@ -58,8 +66,8 @@ class DatasetWriter:
 
         Parameters
         ----------
-        images : iterable of ndarray
-            8- or 16-bit, grey, BGR or BGRA; consumed one by one.
+        images : iterable of ndarray or None
+            8- or 16-bit, grey, BGR or BGRA; consumed one by one. None: the file is there already.
         poses : array_like of float, shape (n, 3)
         camera : PanoramaCamera or OmniCamera, optional
             When it is another than the data set's.
@@ -83,7 +91,7 @@ class DatasetWriter:
         self,
         name: str,
         times: ArrayLike,
-        images: Iterable[Image],
+        images: Iterable[Image | None],
         odometry: Trajectory | None = None,
         groundtruth: Trajectory | None = None,
         camera: PanoramaCamera | OmniCamera | None = None,
@@ -122,12 +130,13 @@ class DatasetWriter:
         write_atomically(self.path / "dataset.yaml", dump_yaml(data))
         return self.path
 
-    def _write_images(self, folder: Path, files: list[str], images: Iterable[Image], count: int) -> None:
+    def _write_images(self, folder: Path, files: list[str], images: Iterable[Image | None], count: int) -> None:
         written = 0
         for written, image in enumerate(images, start=1):
             if written > min(count, len(files)):
                 break
-            write_image(folder / files[written - 1], image)
+            if image is not None:
+                write_image(folder / files[written - 1], image)
         if not written == count == len(files):
             raise DatasetError(f"{folder}: {written} images, {len(files)} file names and {count} rows; must be as many of each")
 

@@ -1,0 +1,285 @@
+"""Renders a data set: references, and drives under many lights. What was rendered before is not rendered again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from panoloc_mcl.camera.spec import OmniCamera, PanoramaCamera
+from panoloc_mcl.datasets.images import Image, write_image
+from panoloc_mcl.datasets.trajectory import Trajectory
+from panoloc_mcl.datasets.writer import DatasetWriter
+from panoloc_mcl.errors import ConfigError, DatasetError
+from panoloc_mcl.files import write_atomically
+from panoloc_mcl.progress import Progress
+from panoloc_mcl.simulation.building import Building, build
+from panoloc_mcl.simulation.drive import FreeSpace, RoadMap, patrol, reference_poses, reported, turn, wander
+from panoloc_mcl.simulation.optics import RayTable, expose, ray_table
+from panoloc_mcl.simulation.people import Person, Walk
+from panoloc_mcl.simulation.renderer import Backend, RayCaster, backend
+from panoloc_mcl.simulation.scene import Scene, load_scene
+from panoloc_mcl.simulation.settings import Drive, SequenceGroup, SimulationConfig
+from panoloc_mcl.simulation.sun import light_of
+from panoloc_mcl.simulation.world import World
+
+FloatArray = NDArray[np.float64]
+AnyCamera = PanoramaCamera | OmniCamera
+
+MARK = ".simulation.json"
+_START_S = 1000.0
+_ODOMETRY_LEAD_S = 0.031  # its stamps are not those of the frames
+_LEAST_FREE_BYTES = 20_000_000
+
+
+@dataclass(frozen=True)
+class _Shot:
+    """Everything that one frame depends on."""
+
+    pose: FloatArray
+    height_m: float
+    people: tuple[Person, ...]
+    tilt: tuple[float, float]
+    auto_exposure: bool
+    key: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Sequence:
+    name: str
+    group: SequenceGroup
+    times: FloatArray
+    truth: Trajectory
+    odometry: Trajectory
+    shots: tuple[_Shot, ...]
+    building_key: tuple[float, int]
+
+
+class Simulation:
+    """A configuration made ready: everything is checked and every way is known before anything is rendered.
+
+    Parameters
+    ----------
+    config : SimulationConfig
+    folder : Path
+        Where relative paths in it start.
+
+    Raises
+    ------
+    ConfigError
+        Unknown scene or light, missing mesh, sun below the horizon, no room for the camera, a way that leaves the map.
+    """
+
+    def __init__(self, config: SimulationConfig, folder: Path = Path()) -> None:
+        self.config = config
+        scene, self._scene_folder = load_scene(config.scene, folder)
+        self.scene: Scene = scene
+        for light in dict.fromkeys([config.references_light, *(group.light for group in config.sequences)]):
+            light_of(scene, light)
+        self._buildings: dict[tuple[float, int], Building] = {}
+        self._casters: dict[tuple[float, int], RayCaster] = {}
+        building = self._building((0.0, 0))
+        height = config.camera.height_m or 0.0
+        self.space = FreeSpace(building, height + 0.1)
+        self.references = reference_poses(self.space)
+        self.roads = RoadMap(self.space, self.references)
+        self._sequences = [
+            self._planned(group, number, order) for order, group in enumerate(config.sequences) for number in range(group.count)
+        ]
+
+    @property
+    def frames(self) -> int:
+        """Images to render."""
+        return len(self.references) + sum(len(sequence.shots) for sequence in self._sequences)
+
+    def world(self, light: str, used: Backend, progress: Progress, building: tuple[float, int] = (0.0, 0)) -> World:
+        """The scene under a light."""
+        put_up = self._building(building)
+        if building not in self._casters:
+            self._casters[building] = RayCaster(put_up.patches, used)
+        what = f"light: {light}" if building == (0.0, 0) else f"light: {light}, things moved"
+        return World(
+            put_up,
+            light,
+            used,
+            self.config.rendering.samples,
+            lambda done, total: progress(done, total, what),
+            self._casters[building],
+        )
+
+    def run(self, path: Path, progress: Progress, notice: Callable[[str], None]) -> Path:
+        """Render into a folder, or go on where an earlier run was stopped.
+
+        Raises
+        ------
+        DatasetError, OutputError
+            The folder holds something else, or cannot be written, or the disk is full.
+        """
+        self._claim(path)
+        used = backend()
+        if not used.vectorised:
+            notice("no LLVM library found (DRJIT_LIBLLVM_PATH): rendering with scalar_rgb, the same pictures but slower")
+        config, done = self.config, 0
+        ending = "png" if config.jpeg_quality is None else "jpg"
+        writer = DatasetWriter(
+            path, config.name, config.camera, config.description or self.scene.description, config.licence, resume=True
+        )
+        tables: dict[tuple[object, ...], RayTable] = {}
+
+        def images(
+            folder: Path,
+            names: list[str],
+            shots: tuple[_Shot, ...],
+            camera: AnyCamera,
+            size: tuple[int, int],
+            lit: Callable[[], World],
+        ) -> Iterator[Image | None]:
+            nonlocal done
+            for name, shot in zip(names, shots, strict=True):
+                if (folder / name).is_file():
+                    yield None
+                else:
+                    key = (repr(camera), size)
+                    if key not in tables:
+                        tables[key] = ray_table(camera, size, config.sensor.samples)
+                    image = self._render(lit(), tables[key], shot)
+                    if config.jpeg_quality is None:
+                        yield image
+                    else:
+                        write_image(folder / name, image, config.jpeg_quality)
+                        yield None
+                done += 1
+                progress(done, self.frames, "frames")
+
+        worlds: dict[tuple[str, tuple[float, int]], World] = {}
+
+        def lit(light: str, building: tuple[float, int] = (0.0, 0)) -> Callable[[], World]:
+            def get() -> World:
+                key = (light, building)
+                if key not in worlds:
+                    worlds[key] = self.world(light, used, progress, building)
+                return worlds[key]
+
+            return get
+
+        height = config.camera.height_m or 0.0
+        shots = tuple(
+            _Shot(pose, height, (), (0.0, 0.0), False, (config.seed, 1, index)) for index, pose in enumerate(self.references)
+        )
+        names = [f"ref_{index:03d}.{ending}" for index in range(len(shots))]
+        pictures = images(path / "references", names, shots, config.camera, config.size, lit(config.references_light))
+        writer.add_references(pictures, self.references, names=names)
+        for sequence in self._sequences:
+            camera, size = sequence.group.camera or config.camera, sequence.group.size or config.size
+            names = [f"images/f{index:03d}.{ending}" for index in range(len(sequence.shots))]
+            folder = path / "sequences" / sequence.name
+            pictures = images(folder, names, sequence.shots, camera, size, lit(sequence.group.light, sequence.building_key))
+            writer.add_sequence(
+                sequence.name, sequence.times, pictures, sequence.odometry, sequence.truth, camera=camera, names=names
+            )
+        finished = writer.finish()
+        (path / MARK).unlink(missing_ok=True)
+        return finished
+
+    def _render(self, world: World, rays: RayTable, shot: _Shot) -> NDArray[np.uint8]:
+        luminance, seen = world.luminance(rays, shot.pose, shot.height_m, shot.people, shot.tilt)
+        # A generator a frame: a frame comes out the same whether those before it were rendered in this run or not.
+        return expose(luminance, seen, self.config.sensor, np.random.default_rng(shot.key), shot.auto_exposure)
+
+    def _building(self, key: tuple[float, int]) -> Building:
+        if key not in self._buildings:
+            self._buildings[key] = build(self.scene, self._scene_folder, *key)
+        return self._buildings[key]
+
+    def _planned(self, group: SequenceGroup, number: int, order: int) -> _Sequence:
+        config = self.config
+        # Seeded by the name, so that leaving a sequence out does not change the others.
+        name = f"{group.name}_{number:02d}"
+        rng = np.random.default_rng([config.seed, 2, *name.encode()])
+        since = np.round(0.1 + np.arange(group.frames) * group.every_s, 6)
+        duration = float(since[-1]) + group.every_s
+        where = f"sequences.{order}.drive"
+        key = (group.moved, config.seed) if group.moved > 0.0 else (0.0, 0)
+        roads = self.roads
+        if group.moved > 0.0:
+            # What has been moved may stand in the way.
+            moved_space = FreeSpace(self._building(key), (config.camera.height_m or 0.0) + 0.1)
+            left = self.references[moved_space.distance(self.references[:, :2]) >= self.scene.clearance_m]
+            roads = RoadMap(moved_space, left if len(left) else self.references)
+        path = _path(group.drive, roads, duration, rng, where)
+        period = 1.0 / config.odometry.rate_hz
+        reports = np.arange(0.1 - _ODOMETRY_LEAD_S, since[-1] + 1.5 * period, period)
+        odometry = reported(path, reports, config.odometry, rng)
+        times = np.round(_START_S + since, 6)
+        walks = [
+            Walk(wander(roads, duration, Drive(speed_m_s=0.9, turn_deg_s=200.0), rng), float(rng.uniform(0.1, 0.6)))
+            for _ in range(group.people)
+        ]
+        poses = path.at(since)
+        camera = group.camera or config.camera
+        height = (camera.height_m or 0.0) + group.height_change_m
+        if height <= 0.02:
+            raise ConfigError(
+                f"sequences.{order}.height_change_m = {group.height_change_m:g}: puts the camera below the floor; raise it"
+            )
+        sd = math.radians(group.tilt_deg) / math.sqrt(2.0)
+        tilts = rng.standard_normal((group.frames, 2)) * sd
+        label = int.from_bytes(hashlib.sha256(name.encode()).digest()[:4], "big")
+        shots = tuple(
+            _Shot(
+                poses[index],
+                height,
+                _apart(tuple(walk.at(float(since[index])) for walk in walks), poses[index]),
+                (float(tilts[index, 0]), float(tilts[index, 1])),
+                group.auto_exposure,
+                (config.seed, 3, label, index),
+            )
+            for index in range(group.frames)
+        )
+        return _Sequence(
+            name,
+            group,
+            times,
+            Trajectory(times, poses),
+            Trajectory(np.round(_START_S + reports, 6), odometry.poses),
+            shots,
+            key,
+        )
+
+    def _claim(self, path: Path) -> None:
+        """Make the folder ours, or make sure that it is: an earlier run with the same configuration that was stopped."""
+        said = json.dumps(
+            {"config": self.config.model_dump(mode="json"), "scene": self.scene.model_dump(mode="json")}, sort_keys=True
+        )
+        if (path / "dataset.yaml").exists():
+            raise DatasetError(f"{path}: already holds a data set; choose another folder or remove it")
+        if (path / MARK).is_file():
+            if (path / MARK).read_text(encoding="utf-8") != said:
+                raise DatasetError(
+                    f"{path}: holds part of a data set of another configuration; finish that one, choose another folder or remove it"
+                )
+        elif path.exists() and (not path.is_dir() or any(path.iterdir())):
+            raise DatasetError(f"{path}: already exists and is not empty; choose another folder or remove it")
+        else:
+            write_atomically(path / MARK, said)
+        free = shutil.disk_usage(path).free
+        if free < _LEAST_FREE_BYTES:
+            raise DatasetError(f"{path}: only {free / 1e6:.0f} MB are free on the disk; make room or choose another folder")
+
+
+def _path(drive: Drive, roads: RoadMap, duration: float, rng: np.random.Generator, where: str) -> Trajectory:
+    if drive.kind == "patrol":
+        return patrol(roads.space, duration, drive, where)
+    return wander(roads, duration, drive, rng) if drive.kind == "wander" else turn(roads, duration, drive, rng)
+
+
+def _apart(people: tuple[Person, ...], pose: FloatArray) -> tuple[Person, ...]:
+    """People step aside for the robot: nobody is shown who would stand in it."""
+    return tuple(one for one in people if math.hypot(one.position[0] - pose[0], one.position[1] - pose[1]) > 0.45)
