@@ -106,7 +106,7 @@
       });
       traces.push({
         type: "bar", orientation: "h", name, base, x: x.length ? x : [null], y: (x.length ? x : [0]).map(() => "status"), width: 0.8,
-        marker: { color, line: { width: 0 }, pattern: { shape: { searching: "/", converged: "", ambiguous: "x", lost: "\\" }[status], solidity: 0.25 } },
+        marker: { color, line: { width: 0 }, pattern: { shape: { searching: "/", converged: "", ambiguous: "x", lost: "\\" }[status], solidity: 0.2, fillmode: "overlay", fgcolor: "rgba(255,255,255,0.75)", size: 7 } },
         hovertemplate: `${name} from %{base} s<extra></extra>`,
       });
     }
