@@ -77,7 +77,7 @@ _NEAR_M = 0.05
 # Columns count where they agree, over a window around them, by this share of the upper quartile of all at the least.
 _AGREEING_WINDOW_DEG, _AGREEING_SHARE = 21.0, 0.6
 # References whose smoothed features are kept at hand.
-_KEPT_FEATURES = 48
+_KEPT_FEATURES = 96
 
 
 class _Equations(NamedTuple):
@@ -272,7 +272,7 @@ def _planes(z: Complex64, usable: Bool, sigma: float) -> Float32:
     planes = np.empty((z.shape[0], z.shape[1] + 2 * margin, 3), dtype=np.float32)
     planes[..., 0] = pad_circular(z.real, margin)
     planes[..., 1] = pad_circular(z.imag, margin)
-    planes[..., 2] = np.pad(usable, ((0, 0), (margin, margin)), mode="wrap")
+    planes[..., 2] = pad_circular(usable, margin)
     if box > 1:
         smooth = cv2.blur(cv2.blur(planes, (box, box)), (box, box))
         # A pixel is as usable as it was; only what is compared is smoothed.
