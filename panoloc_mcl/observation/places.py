@@ -82,10 +82,11 @@ class Places:
         no longer used, so they are continuous where the set of neighbours changes, and 1 at the place itself. Cells farther from
         every place than `reach` are off the map and have weight 0.
         """
-        low = self.positions.min(axis=0) - self.reach
-        high = self.positions.max(axis=0) + self.reach
+        first_place, high = self.positions.min(axis=0), self.positions.max(axis=0) + self.reach
         cell = self.spacing / _CELLS_PER_SPACING
-        cell = max(cell, float(np.sqrt(np.prod(high - low) / _MAX_CELLS)))
+        cell = max(cell, float(np.sqrt(np.prod(high - first_place + self.reach) / _MAX_CELLS)))
+        # The places of a grid lie in the middle of their cells.
+        low = first_place - (np.ceil(self.reach / cell) + 0.5) * cell
         columns, rows = (int(n) for n in np.maximum(np.ceil((high - low) / cell), 1))
         x = low[0] + (np.arange(columns) + 0.5) * cell
         y = low[1] + (np.arange(rows) + 0.5) * cell
@@ -108,7 +109,7 @@ class Places:
         used = min(_NEIGHBOURS, len(self))
         # With as few places as neighbours there is no first unused one; the weights then end a little beyond the reach.
         radius = distances[:, used : used + 1] if wanted > used else np.maximum(distances[:, -1:], self.reach) * 1.5
-        near = np.maximum(distances[:, :used], 1e-6)
+        near, radius = np.maximum(distances[:, :used], 1e-6), np.maximum(radius, 1e-6)
         weights = np.maximum(radius - near, 0.0) / (radius * near)
         totals = weights.sum(axis=1, keepdims=True)
         # Neighbours all exactly as far as the first unused one: equal weights.
