@@ -35,8 +35,8 @@ from panoloc_mcl.panorama_map import PanoramaMap
 from panoloc_mcl.pipeline import Task, check_task, localize, make_tasks
 
 FORMAT = "panoloc-cell/1"
-# Counts up whenever the same cell gives other figures.
-_REVISION = 1
+# Parts that change no figure.
+_WITHOUT_FIGURES = ("cli/", "comparison/", "report/", "simulation/", "__init__.py")
 _MAPS_KEPT = 4
 # Of a record, in the file of a cell; besides them status and truth.
 _ARRAYS = ("times", "poses", "best_place", "step_ms", "kidnapped")
@@ -114,8 +114,7 @@ def make_job(cell: Cell, dataset: Dataset) -> Job:
     settings["localizer"]["monte_carlo"].pop("threads")
     description = {
         "format": FORMAT,
-        "revision": _REVISION,
-        "version": __version__,
+        "code": code_digest(),
         "config": settings,
         "corruption": cell.condition["corruption"],
         "references": cell.method["references"],
@@ -124,6 +123,18 @@ def make_job(cell: Cell, dataset: Dataset) -> Job:
     }
     key = hashlib.sha256(json.dumps(description, sort_keys=True).encode()).hexdigest()[:32]
     return Job(cell, data, key, json.dumps(_key_of_map(cell, dataset)))
+
+
+@lru_cache(maxsize=1)
+def code_digest() -> str:
+    """Digest of all code of this package that figures can depend on: cells of other code are run again."""
+    root = Path(__file__).parents[1]
+    digest = hashlib.sha256(__version__.encode())
+    for file in sorted(root.rglob("*.py")):
+        name = file.relative_to(root).as_posix()
+        if not name.startswith(_WITHOUT_FIGURES) or name == "comparison/cell.py":
+            digest.update(name.encode() + file.read_bytes())
+    return digest.hexdigest()[:16]
 
 
 def data_digest(dataset: Dataset, config: RunConfig) -> str:

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from typing import Any, Protocol
 
 from panoloc_mcl import __version__
-from panoloc_mcl.comparison.cell import Failure, Job, Runs, attempt, prepare
+from panoloc_mcl.comparison.cell import Failure, Job, Runs, attempt, code_digest, prepare
 from panoloc_mcl.errors import PanolocError
 
 _CONNECT_S = 10
@@ -135,7 +135,7 @@ def _version() -> str:
     import numba
     import numpy as np
 
-    return f"panoloc-mcl {__version__}, numpy {np.__version__}, numba {numba.__version__}, {platform.machine()}"
+    return f"panoloc-mcl {__version__} (code {code_digest()}), numpy {np.__version__}, numba {numba.__version__}, {platform.machine()}"
 
 
 @contextmanager

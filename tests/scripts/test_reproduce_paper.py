@@ -1,0 +1,104 @@
+import re
+import sys
+
+import numpy as np
+import pytest
+
+from panoloc_mcl.camera import PanoramaGeometry
+from panoloc_mcl.datasets.room import build_room
+
+from .conftest import SCRIPTS
+
+
+@pytest.fixture(scope="module")
+def script(load_script):
+    if str(SCRIPTS) not in sys.path:
+        sys.path.insert(0, str(SCRIPTS))
+    return load_script("reproduce_paper")
+
+
+@pytest.fixture(scope="module")
+def figures(script):
+    return script.figures
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory):
+    """A room with two lights and references enough for 15 eigenimages, in small panoramas."""
+    path = tmp_path_factory.mktemp("room") / "data"
+    grid = tuple((float(x), float(y)) for y in range(4) for x in range(5))
+    return build_room(path, frames=6, geometry=PanoramaGeometry(90, 36, -50.0, 25.0), grid=grid, lights=("noon", "evening"))
+
+
+def test_the_quick_report_has_everything(script, room, own_cache, tmp_path, capsys):
+    (room / "lux.csv").write_text("file,noon,evening_lux\n" + "".join(f"ref_{k}.png,{600 + k},{200 + k}\n" for k in range(20)))
+    assert script.main(["--dataset", str(room), "--quick", "--out", str(tmp_path)]) == 0
+    folder = tmp_path / "room"
+    assert capsys.readouterr().out.strip() == str(folder)
+    report = (folder / "report.md").read_text()
+    titles = re.findall(r"^## (Table \d|Figure \d|Speed)", report, re.MULTILINE)
+    assert titles == ["Table 1", "Table 2", *(f"Figure {number}" for number in range(1, 9)), "Speed"]
+    for file in re.findall(r"\((figure_\d\.png)\)", report):
+        assert (folder / file).read_bytes().startswith(b"\x89PNG")
+    for number in (1, 3, 4, 5, 6, 7, 8):
+        assert f"(figure_{number}.png)" in report
+    assert "has no raw omnidirectional images" in report
+    assert "| noon | 335 / 1288 / 690.9 / 248.8 | 600.0 / 619.0 / 609.5 / 5.9 |" in report
+    for method in script.METHODS:
+        assert f"| noon | {method} | 1 |" in report
+        assert f"| evening | {method} | 1 |" in report
+    assert "| noon | paper | 10 | 225 | 225 | 100.0 (98.3–100.0) | 0 |" in report
+    assert "Quick" in report
+    for study in ("table_2", "figure_6", "figure_8"):
+        assert (folder / study / "table.csv").is_file()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [(("--seeds", "0"), "--seeds 0: must be at least 1"), (("--dataset", "nowhere"), "dataset = 'nowhere'")],
+)
+def test_faults_are_one_line(script, capsys, tmp_path, words, said):
+    assert script.main([*words, "--out", str(tmp_path)]) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") == 1
+
+
+def test_seeds_are_as_many_as_runs_and_passes_ask_for(script, hall):
+    import argparse
+
+    from panoloc_mcl.datasets import read_dataset
+
+    dataset = read_dataset(hall)
+    effort = script.effort_for(dataset, argparse.Namespace(quick=False, seeds=None, figure_seeds=None))
+    passes = {
+        light: sum(
+            script.passed(drive.groundtruth.at(drive.times), dataset)
+            for name, drive in dataset.sequences.items()
+            if name.startswith(light)
+        )
+        for light in script.LIGHTS
+    }
+    assert effort.seeds * 5 >= script.RUNS
+    assert 0.95 * effort.seeds * min(passes.values()) >= script.PASSES
+
+
+def test_a_panorama_is_turned_back_by_its_heading(figures):
+    image = np.zeros((2, 360))
+    # What is straight ahead of a robot that looks 30 degrees to the left is 30 degrees to the left of one that looks along x.
+    image[:, 0] = 1.0
+    turned = figures.turned(image, np.radians(30.0))
+    geometry = PanoramaGeometry(360, 2, -10.0, 10.0)
+    assert geometry.azimuth_of_column(int(np.argmax(turned[0]))) == pytest.approx(np.radians(30.0))
+
+
+def test_the_curve_of_votes_is_described(figures):
+    turns = figures._TURNS_DEG
+    votes = np.stack([np.exp(-0.5 * (turns / 8.0) ** 2), np.full(len(turns), 0.3)], axis=1)
+    # exp(-t^2 / 2 s^2) is a half at t = s sqrt(2 ln 2) and 0.3 at t = s sqrt(-2 ln 0.3) = 12.4.
+    assert figures.half_width(votes[:, 0]) == pytest.approx(8.0 * np.sqrt(2.0 * np.log(2.0)), abs=0.1)
+    assert figures.shape_of(votes, 0).startswith(
+        "the right place leads from -12° to 12°; its votes are half of those unturned at 9.4°"
+    )
+    assert "does not lead" in figures.shape_of(votes, 1)
+    assert figures.up_to((votes[:, 0] > 0.3).astype(float), 0.9) == "up to 12°"
