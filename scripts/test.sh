@@ -3,6 +3,6 @@
 set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/environment.sh"
 
-install "[test,plot]"
+install "[test,plot,report,rerun]"
 cd "$root"
 exec "$venv/bin/python" -m pytest "$@"

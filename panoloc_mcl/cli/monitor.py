@@ -36,7 +36,9 @@ def monitor() -> Iterator[Monitor]:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    # As wide as it can get, so that bars do not jump.
+    rate = TextColumn("{task.fields[rate]:>10}")
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), rate, TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
         yield BarMonitor(bars)
 
@@ -70,8 +72,11 @@ class BarMonitor:
     def progress(self, done: int, total: int, what: str) -> None:
         """Move the bar."""
         if what not in self._tasks:
-            self._tasks[what] = self._bars.add_task(what, total=total)
-        self._bars.update(self._tasks[what], completed=done, total=total)
+            self._tasks[what] = self._bars.add_task(what, total=total, rate="")
+        task = self._tasks[what]
+        self._bars.update(task, completed=done, total=total)
+        speed = self._bars.tasks[self._bars.task_ids.index(task)].speed
+        self._bars.update(task, rate="" if speed is None else f"{speed:.1f}/s")
 
     def notice(self, text: str) -> None:
         """Write it above the bars."""

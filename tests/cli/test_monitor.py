@@ -52,4 +52,5 @@ def test_bars_on_a_terminal(monkeypatch):
                 watching.progress(done, 3, what)
         watching.notice("has no odometry")
     assert "3/3" in terminal.getvalue()
+    assert "/s" in terminal.getvalue()
     assert "note: has no odometry" in terminal.getvalue()
