@@ -27,7 +27,7 @@ from panoloc_mcl.observation import ObservationModel, Places, VoteField
 from panoloc_mcl.observation.field import silent_field
 from panoloc_mcl.panorama_map import PanoramaMap
 
-STATE_FORMAT = "panoloc-state/1"
+STATE_FORMAT = "panoloc-state/2"
 
 
 class Localizer:
@@ -83,6 +83,8 @@ class Localizer:
         # Time stamp of the last image that was left out because it is so far from the others.
         self._suspect: float | None = None
         self._reported: dict[str, int] = {}
+        # The next image counts whatever the motion gate says.
+        self._forced = False
         self.images_skipped = 0
         self._blas = ThreadpoolController()
 
@@ -140,12 +142,17 @@ class Localizer:
             with _timed(stage_ms, "update"):
                 self._filter.update(votes, offset)
             self._time = timestamp if offset is None else self._time
+            self._forced = False
             self._remember(timestamp)
             return self._estimate("; ".join(part for part in (note, votes.problem) if part), votes, stage_ms)
 
+    def force_update(self) -> None:
+        """Let the next image count, whatever the motion gate says: for a robot that stands and is to look again."""
+        self._forced = True
+
     @property
     def particles(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Poses (n, 3) and weights (n,) of the belief; n = 0 in a mode without particles. Only to be looked at: the filter works on them."""
+        """Poses (n, 3) and weights (n,) of the belief, to be looked at only; n = 0 in a mode without particles."""
         return self._filter.particles()
 
     @property
@@ -214,7 +221,7 @@ class Localizer:
 
     def _gate_opens(self, motion: Motion) -> bool:
         gate = self.settings.gate
-        if self._time is None or gate.distance_m == gate.angle_deg == 0.0 or motion.blind_s > 0.0:
+        if self._forced or self._time is None or gate.distance_m == gate.angle_deg == 0.0 or motion.blind_s > 0.0:
             return True
         moved = gate.distance_m > 0.0 and motion.distance >= gate.distance_m
         turned = gate.angle_deg > 0.0 and motion.turn >= math.radians(gate.angle_deg)
@@ -280,6 +287,7 @@ class Localizer:
             "fused": self._fused,
             "suspect": self._suspect,
             "reported": self._reported,
+            "forced": self._forced,
             "images_skipped": self.images_skipped,
         }
         write_arrays(Path(path), header, arrays)
@@ -321,7 +329,7 @@ class Localizer:
 
         odometry = OdometryBuffer(self.settings.motion)
         odometry.restore(part("odometry"), header["odometry"])
-        values = {f"_{name}": header[name] for name in ("time", "fused", "suspect", "reported")}
+        values = {f"_{name}": header[name] for name in ("time", "fused", "suspect", "reported", "forced")}
         skipped = int(header["images_skipped"])
         # The last that can fail; it changes nothing if it does.
         self._filter.restore(part("filter"), header["filter"])

@@ -215,6 +215,21 @@ def test_the_gate_opens_by_way_or_turn(panorama_map: PanoramaMap, drive: Drive) 
     assert opened == [0.0, 4.5, 7.9]
 
 
+def test_a_forced_update_opens_the_gate_once(panorama_map: PanoramaMap, drive: Drive, tmp_path) -> None:
+    localizer = Localizer(panorama_map, config(gate={"distance_m": 0.5}))
+    for step in range(60):
+        localizer.add_odometry(0.1 * step, (1.0, 1.0, 0.3))
+    assert localizer.add_image(1.0, drive.images[0]) is not None
+    assert localizer.add_image(2.0, drive.images[0]) is None
+    localizer.force_update()
+    localizer.save_state(tmp_path / "state.npz")
+    restored = Localizer(panorama_map, config(gate={"distance_m": 0.5}))
+    restored.load_state(tmp_path / "state.npz")
+    for one in (localizer, restored):
+        assert one.add_image(3.0, drive.images[0]) is not None
+        assert one.add_image(4.0, drive.images[0]) is None
+
+
 def test_the_gate_never_keeps_a_blind_robot_waiting(panorama_map: PanoramaMap, drive: Drive) -> None:
     localizer = Localizer(panorama_map, config(gate={"distance_m": 0.5}))
     assert all(localizer.add_image(float(k), drive.images[0]) is not None for k in range(3))

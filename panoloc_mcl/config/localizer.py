@@ -103,7 +103,12 @@ class MotionSettings(StrictModel):
 class RecoverySettings(StrictModel):
     """Particles drawn from the vote field: global localization, and the way back after being carried away."""
 
-    min_share: Share = Field(0.02, description="Share of the particles drawn from every informative image.")
+    carried_off: Share = Field(
+        0.01,
+        description="Chance that the robot was carried elsewhere since the last image; none where max_share is 0. Where the map is not "
+        "calibrated, the share of particles drawn takes its place if it is more.",
+    )
+    min_share: Share = Field(0.02, description="Share of the particles drawn from the votes of every informative image.")
     max_share: Share = Field(0.5, description="Largest share, at the start with nothing known and when images stop fitting.")
     slow: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
         0.05, description="Decay of the slow average of how well images fit (alpha_slow of augmented MCL)."
@@ -168,16 +173,22 @@ class MonteCarloSettings(StrictModel):
     )
     floor: Annotated[float, Field(ge=0.0, lt=1.0)] = Field(
         0.005,
-        description="Uniform part of the likelihood, so that no single image can kill the truth. Where the map is calibrated: the "
-        "doubt of the image itself, if that is more.",
+        description="Least likelihood by the votes, relative to that of the best cell: votes of images in a row err alike, so none may "
+        "say more.",
     )
     measured_share: Share = Field(
         0.3, description="Share of the particles drawn around the pose that an image gives by itself (refinement)."
     )
     measured_doubt: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
-        0.02,
-        description="Likelihood of a particle far from that pose relative to one at it: the chance that it is wrong. Where the map is "
-        "calibrated: the doubt of the image itself, if that is more.",
+        0.01,
+        description="Chance that an image is wrong about the pose. Where the map is calibrated: the doubt of the image itself, if that "
+        "is more.",
+    )
+    annealing_m: NonNegative = Field(
+        0.1,
+        le=100.0,
+        description="Distance over which votes fall by their tolerance. Particles farther apart than this see a blurred likelihood; "
+        "0 = never blurred, m.",
     )
     recovery: RecoverySettings = Field(default_factory=RecoverySettings, description="Proposals drawn from the vote field.")
 
@@ -206,12 +217,15 @@ class StatusSettings(StrictModel):
     ambiguous_mass: Share = Field(0.2, description="Ambiguous: two or more clusters hold more than this share each.")
     lost_match: Share = Field(
         0.05,
-        description="Lost: after having been converged, what the belief explains of the best votes (running average) is below this.",
+        description="Lost: after having been converged, what the belief explains of the best votes (running average) is below this, …",
+    )
+    lost_chance: Share = Field(
+        0.1, description="… or an image says with at least this probability that the robot is elsewhere."
     )
 
 
 class GateSettings(StrictModel):
-    """Images are left out until the robot has moved; both 0 = every image counts."""
+    """Images are left out until the robot has moved; both 0 = every image counts. `Localizer.force_update` lets the next one count."""
 
     distance_m: NonNegative = Field(0.0, le=1e3, description="Distance driven that opens the gate, m.")
     angle_deg: NonNegative = Field(0.0, le=360.0, description="Turn that opens the gate, degrees.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from enum import StrEnum
 
@@ -17,7 +18,7 @@ class Status(StrEnum):
     """What the localizer thinks of itself.
 
     SEARCHING: the belief is spread out. CONVERGED: one compact cluster holds nearly all of it. AMBIGUOUS: two or more clusters hold
-    much of it. LOST: it had converged, but the images no longer fit.
+    much of it. LOST: it had converged, but the images no longer fit, or the last one says surely that the robot is elsewhere.
     """
 
     SEARCHING = "searching"
@@ -75,6 +76,9 @@ class FilterState:
     effective_count : float
         N_eff before resampling.
     resampled : bool
+    elsewhere : float
+        Probability, the image seen, that the robot is not where odometry led: near 0 when the image came as expected. NaN where the
+        filter does not know.
     """
 
     clusters: tuple[Cluster, ...]
@@ -86,6 +90,7 @@ class FilterState:
     injected: int
     effective_count: float
     resampled: bool
+    elsewhere: float = math.nan
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,14 +1,33 @@
-"""Monte Carlo localization over (x, y, heading) with proposals drawn from the vote field.
+"""Monte Carlo localization over (x, y, heading) with proposals drawn from the image itself.
 
-Propagate, recover, reweight, resample, estimate (Thrun, Burgard & Fox, "Probabilistic Robotics", chapter 8). Recovery is augmented
-MCL with sensor-based proposals instead of blind ones (Lenser & Veloso 2000; "dual" sampling, Thrun et al. 2001): two averages tell
-how well images fit the belief, and when the fast one falls below the slow one, particles are drawn from the image itself.
+Propagate, recover, reweight, resample, estimate (Thrun, Burgard & Fox, "Probabilistic Robotics", chapter 8). `update` is Bayes' rule
+with two chances in it: that the robot was carried elsewhere since the last image (share k), and that the image is wrong about itself
+(its doubt d). Before the image the belief is then
+
+    (1 - k) predicted + k uniform over the map
+
+and the image's likelihood, relative to its mean over the map, is
+
+    (1 - d) measured + d field      or, for an image that gives no pose by itself,      (1 - d) field + d
+
+with the field's votes and the Gaussian of the measured pose both scaled to mean 1 over the map. Each product of the two is
+represented by particles drawn where it is large (the mixture proposal of Thrun, Fox, Burgard & Dellaert 2001, who call the second
+and third rows dual):
+
+    who                                how many                  weigh together
+    predicted particles                the rest                  (1 - k) times the likelihood's mean over them
+    drawn from the measured pose       measured_share            (1 - d) times (k + (1 - k) times the predicted density there)
+    drawn from the votes               see `_injection_share`    k times what the field is believed
+
+So an image that contradicts the belief divides it in proportion k : d; the next one decides. Where the map is not calibrated,
+images do not know their doubt; then two running averages of how well they fit tell k (augmented MCL).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -19,8 +38,10 @@ from panoloc_mcl.filters.base import Start
 from panoloc_mcl.filters.blocks import BLOCK, Blocks
 from panoloc_mcl.filters.clusters import find_clusters, grid_of
 from panoloc_mcl.filters.estimate import Cluster, FilterState, Status
+from panoloc_mcl.filters.likelihood import Likelihood, Plan
+from panoloc_mcl.filters.prior import Prior, uniform_density
 from panoloc_mcl.filters.resampling import SCHEMES, adaptive_count, effective_count, normalise, normalised
-from panoloc_mcl.geometry import angle_difference, compose, inverse, wrap_angle
+from panoloc_mcl.geometry import wrap_angle
 from panoloc_mcl.kernels.particles import propagate
 from panoloc_mcl.kernels.resampling import taken
 from panoloc_mcl.motion import Motion
@@ -28,8 +49,9 @@ from panoloc_mcl.observation.field import VoteField
 from panoloc_mcl.observation.places import Places
 
 Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
+# Share of the weight that particles drawn from the first image stand for, when nothing is known.
+_DRAWN_AT_START = 0.9
 _TINY = float(np.finfo(np.float64).tiny)
 
 
@@ -69,11 +91,12 @@ class MonteCarloFilter:
         self._blocks = Blocks(settings.threads)
         self.poses = self._drawn_from(start)
         self._weigh_alike()
-        self._nothing_known = start.position is None or start.heading is None
+        self._nothing_known = start.position is None and start.heading is None
         self._has_converged = False
         self._match = math.nan
         self._match_slow = self._match_fast = math.nan
         self._fit = math.nan
+        self._elsewhere = math.nan
         self._votes: VoteField | None = None
         self._place_votes = math.nan
         self._effective = float(settings.particles)
@@ -103,17 +126,21 @@ class MonteCarloFilter:
 
     def propagate(self, motion: Motion) -> None:
         """Move every particle by odometry with noise; without motion nothing changes at all."""
-        if motion.stands:
-            return
+        if not motion.stands:
+            self._move(self.poses, motion)
+
+    def _move(self, poses: Float64, motion: Motion) -> Float64:
+        """Poses (n, 3) after a motion, each with noise of its own; in place."""
         self._step += 1
         parts = (motion.first_turn, motion.along, motion.across, motion.last_turn)
         noise = (motion.sd_first_turn, motion.sd_along, motion.sd_across, motion.sd_last_turn)
-        particles = self.poses.T
+        particles = poses.T
 
         def move(block: slice) -> None:
             particles[:, block] = propagate(particles, *parts, *noise, self._key, self._step, block.start, block.stop)
 
-        self._blocks.each(move, len(self.poses))
+        self._blocks.each(move, len(poses))
+        return poses
 
     def heading_hypotheses(self, offset: Motion | None) -> None:
         """Particles look at all headings."""
@@ -127,45 +154,47 @@ class MonteCarloFilter:
         votes : VoteField
             Over the full circle.
         offset : Motion, optional
-            For a late image: the motion from the particles' time to the image's. The particles are weighed where they were then.
+            For a late image: the motion from the particles' time to the image's, with its noise. The particles are weighed where
+            they were then.
         """
         self._votes, self._resampled, self._injected = votes, False, 0
         if not votes.informative:
             self._match = math.nan
             return
         rng = self._next_step()
-        likelihood = self._field_likelihood(votes, offset)
-        self._judge(likelihood)
-        self._recover(votes, offset, likelihood, rng)
-        self._reweight(votes, offset, likelihood)
-        self._judge_posterior(likelihood)
-        del likelihood
+        prior = Prior.of(self.poses, self.weights)
+        image = Likelihood.of(votes, offset, prior.gap(len(self.poses)), self._uniform, self.settings)
+        fit = self._fit_of_particles(image, offset)
+        self._judge(fit)
+        plan = self._plan(image)
+        explained = self._weigh_predicted(image, prior, plan, fit)
+        explained += self._draw(image, prior, plan, offset, fit, rng)
+        normalise(self.log_weights, self.weights)
+        # How much more the image is explained by where odometry led than by anywhere else.
+        self._elsewhere = 0.0 if self._nothing_known else plan.elsewhere / (plan.elsewhere + explained)
+        self._nothing_known = False
+        self._judge_posterior(fit)
+        del fit
         self._resample(rng)
 
-    def _seen_from(self, poses: Float64, offset: Motion | None) -> Float64:
-        return poses if offset is None else compose(poses, offset.increment)
+    @cached_property
+    def _uniform(self) -> float:
+        return uniform_density(self.places)
 
-    def _field_likelihood(self, votes: VoteField, offset: Motion | None, chosen: Int64 | None = None) -> Float64:
-        """Relative to the field's best cell, so 1 at most (but for interpolation), and at least the floor."""
-        poses = self.poses if chosen is None else self.poses[chosen]
-        out = np.empty(len(poses))
-        floor = max(self.settings.floor, votes.doubt)
+    def _fit_of_particles(self, image: Likelihood, offset: Motion | None) -> Float64:
+        """Likelihood by the votes alone, float64 (n,), where the particles were when the image was taken."""
+        seen_from = self.poses if offset is None else self._move(self.poses.copy(order="K"), offset)
+        out = np.empty(len(seen_from))
 
-        def weigh(block: slice) -> None:
-            likelihood = votes.log_likelihood(votes.read(self._seen_from(poses[block], offset)))
-            np.exp(likelihood, out=likelihood)
-            likelihood *= 1.0 - floor
-            likelihood += floor
-            out[block] = likelihood
+        def read(block: slice) -> None:
+            out[block] = image.by_votes(seen_from[block])
 
-        # What every block needs is worked out once, before threads meet it.
-        _ = votes.peak, votes.places.raster
-        self._blocks.each(weigh, len(poses))
+        self._blocks.each(read, len(seen_from))
         return out
 
     def _judge(self, likelihood: Float64) -> None:
         """How much of the best cell's likelihood the prediction explains, now and in the running averages."""
-        self._match = self._explained(likelihood)
+        self._match = self._mean(likelihood)
         if math.isnan(self._match_slow):
             self._match_slow = self._match_fast = self._match
             return
@@ -178,89 +207,90 @@ class MonteCarloFilter:
 
         Before the image a wide belief explains little, too, for instance after a long way without images.
         """
-        fit = self._explained(likelihood)
+        fit = self._mean(likelihood)
         self._fit = fit if math.isnan(self._fit) else self._fit + self.settings.recovery.fast * (fit - self._fit)
 
-    def _explained(self, likelihood: Float64) -> float:
+    def _mean(self, values: Float64) -> float:
+        """Weighted mean over the particles."""
         blocks = [slice(start, start + BLOCK) for start in range(0, len(self.weights), BLOCK)]
-        return float(sum(self.weights[block] @ likelihood[block] for block in blocks))
+        return float(sum(self.weights[block] @ values[block] for block in blocks))
 
-    def _recover(self, votes: VoteField, offset: Motion | None, likelihood: Float64, rng: np.random.Generator) -> None:
-        """Replace a share of the particles by poses drawn from the image; all are weighed alike afterwards."""
-        share = self._injection_share()
-        count = int(share * len(self.poses))
-        if count > 0:
-            self._inject(votes.sample(count, rng), share, votes, offset, likelihood, rng)
-        measurement = votes.measurement
-        if measurement is not None:
-            # The measured pose is far sharper than the particles are dense: without some at it, none would ever meet it.
-            measured_share = self.settings.measured_share
-            count = int(measured_share * len(self.poses))
-            drawn = rng.multivariate_normal(measurement.pose, measurement.covariance, count, method="cholesky")
-            drawn[:, 2] = wrap_angle(drawn[:, 2])
-            # Where the belief is not, they weigh no more than the chance that the robot was carried there.
-            expected = min(1.0, self._mass_near(measurement.pose, offset) + share)
-            self._inject(drawn, measured_share * expected, votes, offset, likelihood, rng)
+    def _plan(self, image: Likelihood) -> Plan:
+        """Chance that the robot is not where odometry led, before the image is seen, and who represents it."""
+        recovery, count = self.settings.recovery, len(self.poses)
+        from_pose = 0 if image.measured is None else int(self.settings.measured_share * count)
+        if recovery.max_share == 0.0:
+            return Plan(0.0, count - from_pose, from_pose, 0)
+        if self._nothing_known:
+            # What is predicted and what is drawn stand for the same; what is drawn does so better.
+            elsewhere, share = _DRAWN_AT_START, recovery.max_share
+        else:
+            share = self._injection_share()
+            elsewhere = recovery.carried_off if image.calibrated else max(recovery.carried_off, share)
+        from_votes = min(int(share * count), count - from_pose)
+        return Plan(elsewhere, count - from_pose - from_votes, from_pose, from_votes)
 
-    def _inject(
-        self,
-        drawn: Float64,
-        mass: float,
-        votes: VoteField,
-        offset: Motion | None,
-        likelihood: Float64,
-        rng: np.random.Generator,
-    ) -> None:
-        """Put poses at the image's time in the place of as many others, with a total weight of ``mass``."""
-        count, others = len(drawn), len(self.poses)
-        if count == 0:
-            return
-        if offset is not None:
-            # The image says where the robot was; bring its poses on to the particles' time.
-            drawn = compose(drawn, inverse(offset.increment))
+    def _weigh_predicted(self, image: Likelihood, prior: Prior, plan: Plan, fit: Float64) -> float:
+        """Multiply the weights by the likelihood; returns its mean, with what is to be drawn counted out."""
+        factor = np.empty(len(fit))
+
+        def weigh(block: slice) -> None:
+            values = image.wrong(fit[block])
+            if plan.from_pose:
+                values += (1.0 - image.doubt) * plan.predicted_part(*image.at_measured(self.poses[block], prior))
+            factor[block] = (1.0 - plan.elsewhere) * values
+
+        self._blocks.each(weigh, len(factor))
+        explained = self._mean(factor)
+        # Far from everything there may be nothing left; a logarithm must stay finite.
+        np.maximum(factor, _TINY, out=factor)
+        np.log(factor, out=factor)
+        # Log-weights from here on are those of weights that summed to 1 before the image.
+        self.log_weights -= float(self.log_weights.max()) - math.log(float(self.weights.max()))
+        self.log_weights += factor
+        return explained
+
+    def _draw(
+        self, image: Likelihood, prior: Prior, plan: Plan, offset: Motion | None, fit: Float64, rng: np.random.Generator
+    ) -> float:
+        """Draw particles from the image in the place of others; returns how much of the image those show to be as predicted."""
+        count, drawn, explained = len(self.poses), plan.from_pose + plan.from_votes, 0.0
         # Evenly spread over all from a random start: like particles lie next to each other, so none of a kind goes altogether.
-        replaced = (np.arange(count) * others // count + int(rng.integers(others))) % others
-        kept = max(1.0 - mass, _TINY)
-        # The log-weights of the others stay as they are; those of the drawn are measured against them.
-        scale = float(self.log_weights.max()) - math.log(float(self.weights.max()) * kept)
-        self.log_weights[replaced] = scale + math.log(max(mass / count, _TINY))
-        self.weights *= kept
-        self.weights[replaced] = mass / count
-        self.poses[replaced] = drawn
-        likelihood[replaced] = self._field_likelihood(votes, offset, replaced)
-        self._injected += count
-
-    def _mass_near(self, pose: Float64, offset: Motion | None) -> float:
-        """Share of the belief within the limits of convergence around a pose."""
-        limits = self.status_settings
-        seen_from = self._seen_from(self.poses, offset)
-        near = np.hypot(seen_from[:, 0] - pose[0], seen_from[:, 1] - pose[1]) < limits.converged_spread_m
-        near &= np.abs(angle_difference(seen_from[:, 2], pose[2])) < np.radians(limits.converged_spread_deg)
-        return float(self.weights[near].sum() / self.weights.sum())
+        replaced = (np.arange(drawn) * count // max(drawn, 1) + int(rng.integers(count))) % count
+        by_votes = np.zeros(drawn, dtype=np.bool_)
+        by_votes[np.arange(plan.from_votes) * drawn // max(plan.from_votes, 1)] = True
+        # The weights of the others grow no more for it: those of the drawn shrink.
+        left = max(1.0 - float(self.weights[replaced].sum()), _TINY)
+        if plan.from_votes:
+            where, poses = replaced[by_votes], image.votes.sample(plan.from_votes, rng)
+            fit[where] = image.by_votes(poses)
+            if offset is not None:
+                poses = self._move(np.asarray(poses, order="F"), offset.reversed())
+            self.poses[where] = poses
+            mass = plan.elsewhere * (image.doubt if plan.from_pose else 1.0 - image.doubt)
+            self.log_weights[where] = math.log(max(mass * left / plan.from_votes, _TINY))
+        if plan.from_pose:
+            assert image.measured is not None
+            where, poses = replaced[~by_votes], rng.multivariate_normal(*image.measured, plan.from_pose, method="cholesky")
+            poses[:, 2] = wrap_angle(poses[:, 2])
+            right = (1.0 - image.doubt) / plan.from_pose
+            as_predicted = right * (1.0 - plan.elsewhere) * plan.drawn_part(*image.at_measured(poses, prior))
+            self.poses[where] = poses
+            self.log_weights[where] = np.log(np.maximum((as_predicted + right * plan.elsewhere) * left, _TINY))
+            # They lie where the votes are best, as near as matters.
+            fit[where] = 1.0
+            explained = float(as_predicted.sum())
+        self._injected = drawn
+        return explained
 
     def _injection_share(self) -> float:
         recovery = self.settings.recovery
-        if self._nothing_known:
-            self._nothing_known = False
-            return recovery.max_share
         fallen = 1.0 - self._match_fast / self._match_slow if self._match_slow > 0.0 else 1.0
         share = min(max(fallen, recovery.min_share), recovery.max_share)
         if fallen > 0.5 and share > recovery.min_share:
             # The burst is on its way; judge it afresh instead of injecting for as long as the averages remember.
             self._match_fast = self._match_slow
         return share
-
-    def _reweight(self, votes: VoteField, offset: Motion | None, likelihood: Float64) -> None:
-        """Multiply the weights by the likelihood: that of the vote field, and of the measured pose where there is one."""
-        if max(self.settings.floor, votes.doubt) == 0.0:
-            # Far from the best cell there may be nothing left; a logarithm must stay finite.
-            likelihood = np.maximum(likelihood, _TINY)
-        self.log_weights += np.log(likelihood)
-        if votes.measurement is not None:
-            doubt = max(self.settings.measured_doubt, votes.doubt)
-            fit = votes.measurement.relative_likelihood(self._seen_from(self.poses, offset))
-            self.log_weights += np.log(doubt + (1.0 - doubt) * fit)
-        normalise(self.log_weights, self.weights)
 
     def _resample(self, rng: np.random.Generator) -> None:
         """Draw the particles that go on, if the weights have become too uneven, or more or fewer are wanted."""
@@ -302,6 +332,7 @@ class MonteCarloFilter:
             injected=self._injected,
             effective_count=self._effective,
             resampled=self._resampled,
+            elsewhere=self._elsewhere,
         )
 
     def particles(self) -> tuple[Float64, Float64]:
@@ -332,14 +363,15 @@ class MonteCarloFilter:
         limits = self.status_settings
         best = clusters[0]
         compact = best.spread_m < limits.converged_spread_m and best.spread_deg < limits.converged_spread_deg
+        lost = self._has_converged and (self._fit < limits.lost_match or self._elsewhere > limits.lost_chance)
+        if lost:
+            return Status.LOST
         if best.mass > limits.converged_mass and compact:
-            if self._has_converged and self._fit < limits.lost_match:
-                return Status.LOST
             self._has_converged = True
             return Status.CONVERGED
         if sum(cluster.mass > limits.ambiguous_mass for cluster in clusters) >= 2:
             return Status.AMBIGUOUS
-        return Status.LOST if self._has_converged and self._fit < limits.lost_match else Status.SEARCHING
+        return Status.SEARCHING
 
 
 # Of the filter, besides the particles.
@@ -352,6 +384,7 @@ _REMEMBERED = (
     "_match_slow",
     "_match_fast",
     "_fit",
+    "_elsewhere",
     "_place_votes",
     "_effective",
     "_resampled",

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from panoloc_mcl.config.localizer import StatusSettings
 from panoloc_mcl.filters.base import Start
 from panoloc_mcl.filters.estimate import Cluster, FilterState, Status
-from panoloc_mcl.geometry import compose
-from panoloc_mcl.motion import Motion
+from panoloc_mcl.motion import Motion, carried
 from panoloc_mcl.observation import Places, VoteField
 
 Float64 = NDArray[np.float64]
@@ -51,16 +50,7 @@ class OdometryOnlyFilter:
 
     def propagate(self, motion: Motion) -> None:
         """Move the pose; the covariance grows by the noise of each part of the motion."""
-        moved = compose(self.pose, motion.increment)
-        dx, dy = moved[:2] - self.pose[:2]
-        direction = self.pose[2] + motion.first_turn
-        way = np.array([math.cos(direction), math.sin(direction)])
-        # How an error of the heading at the start carries on: it swings the whole way round.
-        swing = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
-        parts = np.array([[-dy, way[0], -way[1], 0.0], [dx, way[1], way[0], 0.0], [1.0, 0.0, 0.0, 1.0]])
-        sds = np.array([motion.sd_first_turn, motion.sd_along, motion.sd_across, motion.sd_last_turn])
-        self.covariance = swing @ self.covariance @ swing.T + (parts * sds**2) @ parts.T
-        self.pose = moved
+        self.pose, self.covariance = carried(self.pose, self.covariance, motion)
 
     def heading_hypotheses(self, offset: Motion | None) -> Float64:
         """The one heading that is believed: fewer votes cannot be asked for."""

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.config.localizer import MotionSettings
-from panoloc_mcl.geometry import between, wrap_angle
+from panoloc_mcl.geometry import between, compose, wrap_angle
 
 Float64 = NDArray[np.float64]
 
@@ -83,6 +83,19 @@ class Motion:
             sd_last_turn=self.sd_first_turn,
             duration_s=-self.duration_s,
         )
+
+
+def carried(pose: Float64, covariance: Float64, motion: Motion) -> tuple[Float64, Float64]:
+    """A pose (3,) after a motion, and its covariance (3, 3) to first order, grown by the noise of each part of the motion."""
+    moved = compose(pose, motion.increment)
+    dx, dy = moved[:2] - pose[:2]
+    direction = pose[2] + motion.first_turn
+    way = np.array([math.cos(direction), math.sin(direction)])
+    # How an error of the heading at the start carries on: it swings the whole way round.
+    swing = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
+    parts = np.array([[-dy, way[0], -way[1], 0.0], [dx, way[1], way[0], 0.0], [1.0, 0.0, 0.0, 1.0]])
+    sds = np.array([motion.sd_first_turn, motion.sd_along, motion.sd_across, motion.sd_last_turn])
+    return moved, swing @ covariance @ swing.T + (parts * sds**2) @ parts.T
 
 
 def taken_apart(increment: Float64, distance: float, turn: float) -> Motion:

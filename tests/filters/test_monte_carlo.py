@@ -320,9 +320,11 @@ def test_an_adaptive_count_follows_the_belief() -> None:
     assert 300 <= found.particle_count < 2000
     assert near(found.clusters[0].pose, HERE)
     assert len(belief.poses) == len(belief.log_weights) == len(belief.weights) == found.particle_count
-    for _ in range(3):
-        belief.update(hills(PLACES, HERE, THERE))
-    assert belief.state().particle_count > found.particle_count
+    divided = a_filter(particles=1000, adaptive=adaptive)
+    for _ in range(6):
+        divided.propagate(STEP)
+        divided.update(hills(PLACES, HERE, THERE))
+    assert divided.state().particle_count > found.particle_count
 
 
 def test_weights_are_those_of_the_log_weights() -> None:
@@ -404,19 +406,3 @@ def test_a_state_that_does_not_fit_changes_nothing(spoil: str) -> None:
     with pytest.raises((KeyError, ValueError)):
         belief.restore(arrays, header)
     assert np.array_equal(belief.poses, before)
-
-
-@pytest.mark.parametrize("mass", [0.02, 0.3, 1.0])
-def test_injected_particles_have_the_mass_that_they_are_given(mass: float) -> None:
-    belief = a_filter(Start((1.0, 1.0), 0.5), resampling=ResamplingSettings(below=0.0))
-    belief.update(hills(PLACES, HERE))
-    rng = np.random.default_rng(0)
-    for place in (HERE + 0.01, THERE):
-        poses, before = belief.poses.copy(), belief.weights.copy()
-        belief._inject(np.tile(place, (100, 1)), mass, hills(PLACES, HERE), None, np.zeros(1000), rng)
-        new = np.any(belief.poses != poses, axis=1)
-        assert new.sum() == 100
-        assert belief.weights[new] == pytest.approx(mass / 100)
-        assert belief.weights[~new] == pytest.approx(before[~new] * (1.0 - mass), abs=1e-15)
-        shares = np.exp(belief.log_weights - belief.log_weights.max())
-        assert shares / shares.sum() == pytest.approx(belief.weights / belief.weights.sum(), rel=1e-9, abs=1e-15)
