@@ -16,7 +16,7 @@ from panoloc_mcl.report.figures import Shot, animation
 settings = {
     "name": "demo_relocalize",
     "sequences": ["evening_00"],
-    "observation": {"votes": {"tolerance": 0.4, "refinement": {"enabled": False}}},
+    "observation": {"votes": {"tolerance": 0.3, "refinement": {"enabled": False}}},
     "localizer": {"monte_carlo": {"particles": 5000, "recovery": {"max_share": 0.02}}},
 }
 if len(sys.argv) > 1:

@@ -23,7 +23,7 @@ _OBSERVATION: dict[str, Any] = {"refinement": {"enabled": False}}
 DEMOS: dict[str, dict[str, Any]] = {
     "relocalize": {
         "sequences": ["evening_00"],
-        "observation": {"votes": {**_OBSERVATION, "tolerance": 0.4}},
+        "observation": {"votes": {**_OBSERVATION, "tolerance": 0.3}},
         "localizer": {"monte_carlo": {"particles": 5000, "recovery": {"max_share": 0.02}}},
     },
     "kidnap": {
