@@ -7,6 +7,7 @@ import logging
 import platform
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from importlib.metadata import version
 from typing import Any, Protocol
 
 from panoloc_mcl import __version__
@@ -132,10 +133,8 @@ def _after(prepared: None, job: Job) -> Runs | Failure:
 
 def _version() -> str:
     """Of all that the figures depend on to the last bit."""
-    import numba
-    import numpy as np
-
-    return f"panoloc-mcl {__version__} (code {code_digest()}), numpy {np.__version__}, numba {numba.__version__}, {platform.machine()}"
+    libraries = ", ".join(f"{name} {version(name)}" for name in ("numpy", "numba"))
+    return f"panoloc-mcl {__version__} (code {code_digest()}), {libraries}, {platform.machine()}"
 
 
 @contextmanager

@@ -13,7 +13,8 @@ from panoloc_mcl.config.localizer import StatusSettings
 from panoloc_mcl.filters.base import Start
 from panoloc_mcl.filters.estimate import Cluster, FilterState, Status
 from panoloc_mcl.motion import Motion, carried
-from panoloc_mcl.observation import Places, VoteField
+from panoloc_mcl.observation.field import VoteField
+from panoloc_mcl.observation.places import Places
 
 Float64 = NDArray[np.float64]
 
