@@ -102,8 +102,6 @@ class Simulation:
     def world(self, light: str, used: Backend, progress: Progress, building: tuple[float, int] = (0.0, 0)) -> World:
         """The scene under a light."""
         put_up = self._building(building)
-        if building not in self._casters:
-            self._casters[building] = RayCaster(put_up.patches, used)
         what = f"light: {light}" if building == (0.0, 0) else f"light: {light}, things moved"
         return World(
             put_up,
@@ -111,7 +109,7 @@ class Simulation:
             used,
             self.config.rendering.samples,
             lambda done, total: progress(done, total, what),
-            self._casters[building],
+            self._caster(building, used),
         )
 
     def run(self, path: Path, progress: Progress, notice: Callable[[str], None]) -> Path:
@@ -126,6 +124,7 @@ class Simulation:
         used = backend()
         if not used.vectorised:
             notice("no LLVM library found (DRJIT_LIBLLVM_PATH): rendering with scalar_rgb, the same pictures but slower")
+        self._refuse_cameras_inside_things(used)
         config, done = self.config, 0
         ending = "png" if config.jpeg_quality is None else "jpg"
         writer = DatasetWriter(
@@ -187,6 +186,41 @@ class Simulation:
         finished = writer.finish()
         (path / MARK).unlink(missing_ok=True)
         return finished
+
+    def _refuse_cameras_inside_things(self, used: Backend) -> None:
+        """What surrounds a camera and is seen from behind is the inside of something, of a mesh for instance."""
+        groups: dict[tuple[float, int], list[tuple[str, FloatArray]]] = {}
+        height = self.config.camera.height_m or 0.0
+        at = [("reference", np.array([pose[0], pose[1], height])) for pose in self.references]
+        groups[(0.0, 0)] = at
+        for sequence in self._sequences:
+            shots = [(f"sequence {sequence.name}", np.array([*shot.pose[:2], shot.height_m])) for shot in sequence.shots]
+            groups.setdefault(sequence.building_key, []).extend(shots)
+        faults = []
+        angles = 2.0 * np.pi * np.arange(24) / 24
+        around = np.column_stack([np.cos(angles), np.sin(angles), np.tile([-0.3, 0.0, 0.3], 8)])
+        around /= np.linalg.norm(around, axis=1, keepdims=True)
+        for key, cameras in groups.items():
+            patches = self._building(key).patches
+            points = np.repeat([point for _, point in cameras], len(around), axis=0)
+            directions = np.tile(around, (len(cameras), 1))
+            _, owner = self._caster(key, used).cast(points, directions)
+            behind = (owner >= 0) & (np.einsum("ij,ij->i", directions, patches.normal[owner]) > 0.0)
+            share = behind.reshape(len(cameras), -1).mean(axis=1)
+            faults += [
+                f"scene '{self.scene.name}': {what} at [{x:.2f}, {y:.2f}], {z:g} m high: the camera is inside a thing; "
+                "move the places, or the thing"
+                for (what, (x, y, z)), inside in zip(cameras, share, strict=True)
+                if inside > 0.8
+            ]
+        if faults:
+            more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
+            raise ConfigError(faults[0] + more)
+
+    def _caster(self, key: tuple[float, int], used: Backend) -> RayCaster:
+        if key not in self._casters:
+            self._casters[key] = RayCaster(self._building(key).patches, used)
+        return self._casters[key]
 
     def _render(self, world: World, rays: RayTable, shot: _Shot) -> NDArray[np.uint8]:
         luminance, seen = world.luminance(rays, shot.pose, shot.height_m, shot.people, shot.tilt)
