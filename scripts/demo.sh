@@ -4,6 +4,6 @@
 set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/environment.sh"
 
-install ""
+install "[report,plot]"
 cd "$root"
 exec "$venv/bin/panoloc" run configs/global.yaml --out "$root/results" "$@"
