@@ -102,7 +102,7 @@ def test_the_sun():
 
 def test_lights_that_are_none(tiny_folder):
     scene, _ = load_scene(tiny_folder / "tiny_scene.yaml")
-    with pytest.raises(ConfigError, match="the sun is .* below the horizon"):
+    with pytest.raises(ConfigError, match=r"the sun is .* below the horizon"):
         light_of(scene, "night")
     with pytest.raises(ConfigError, match="has no such light; known: day, lamp, night"):
         light_of(scene, "dusk")
