@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import logging
 import platform
+from asyncio import CancelledError
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
@@ -89,6 +90,15 @@ class OnDask:
         EngineError
             No workers, workers of another version or without the data, a scheduler that went away.
         """
+        where = f"scheduler {self._scheduler or 'here'}"
+        try:
+            yield from self._finished(jobs)
+        except (OSError, CancelledError) as error:
+            again = "start it and give the same command again: finished cells are kept"
+            raise EngineError(f"{where}: went away; {again}") from error
+
+    def _finished(self, jobs: Sequence[Job]) -> Iterator[tuple[Job, Runs | Failure]]:
+        """The same; an `OSError` or `CancelledError` when the scheduler went away."""
         from distributed import as_completed
 
         self._check_workers()
@@ -99,17 +109,16 @@ class OnDask:
                 maps[job.map] = self._client.submit(prepare, job, pure=False, retries=_RETRIES)
             future = self._client.submit(_after, maps[job.map], job, pure=False, retries=_RETRIES)
             futures[future] = job
-        finished = as_completed(futures, raise_errors=False)
-        for future in finished:
+        for future in as_completed(futures, raise_errors=False):
             job = futures.pop(future)
             if future.status == "finished":
                 yield job, future.result()
             elif future.status == "error":
+                # Whatever goes wrong in a cell is a result; this is a cell that took all its workers down.
                 error = future.exception()
                 yield job, Failure(" ".join(f"{type(error).__name__}: {error}".split()))
             else:
-                where = f"scheduler {self._scheduler or 'here'}"
-                raise EngineError(f"{where}: went away; start it and give the same command again: finished cells are kept")
+                raise CancelledError
             future.release()
 
     def _check_workers(self) -> None:
@@ -168,10 +177,17 @@ def _first_line(error: Exception) -> str:
 @contextmanager
 def _quiet() -> Iterator[None]:
     """What Dask logs about workers that die and retries is no concern of the user's: it mends that itself."""
-    logger = logging.getLogger("distributed")
-    level = logger.level
-    logger.setLevel(logging.CRITICAL)
+    # Sets the levels of its loggers when it is imported.
+    import distributed  # noqa: F401
+
+    names = [
+        name for name in logging.root.manager.loggerDict if name.partition(".")[0] in ("distributed", "tornado", "asyncio")
+    ]
+    levels = {name: logging.getLogger(name).level for name in names}
+    for name in names:
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
         yield
     finally:
-        logger.setLevel(level)
+        for name, level in levels.items():
+            logging.getLogger(name).setLevel(level)

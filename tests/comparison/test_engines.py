@@ -29,7 +29,7 @@ def fresh_port():
 
 @pytest.fixture
 def scheduler(fresh_port, tmp_path):
-    """A scheduler and two workers, started by hand; the address and the workers' processes."""
+    """A scheduler and two workers, started by hand: its address, the workers' processes and its own."""
     pytest.importorskip("distributed")
     address = f"tcp://127.0.0.1:{fresh_port}"
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
@@ -44,9 +44,9 @@ def scheduler(fresh_port, tmp_path):
         started.append(subprocess.Popen(command, env=environment, cwd=folder, stdout=log, stderr=log, start_new_session=True))
         return started[-1]
 
-    start("scheduler", "--host", "127.0.0.1", "--port", fresh_port, "--no-dashboard", "--no-show")
+    itself = start("scheduler", "--host", "127.0.0.1", "--port", fresh_port, "--no-dashboard", "--no-show")
     workers = [start("worker", address, "--nthreads", 1, "--no-dashboard", "--name", f"w{i}", "--no-nanny") for i in range(2)]
-    yield address, workers
+    yield address, workers, itself
     for process in started:
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGTERM)
@@ -106,7 +106,7 @@ def test_local_workers_give_the_same_bytes(plan_of, tmp_path):
 
 @pytest.mark.slow
 def test_a_worker_that_is_killed_costs_a_retry_and_changes_nothing(plan_of, tmp_path, scheduler):
-    address, workers = scheduler
+    address, workers, _ = scheduler
     plan = plan_of(corruptions=["clean", "bars:0.4", "random_pixels:0.2"], seeds=4)
     here = compare(plan, tmp_path / "here", plots=False)
     with open_engine(scheduler=address) as engine:
@@ -120,7 +120,7 @@ def test_a_worker_that_is_killed_costs_a_retry_and_changes_nothing(plan_of, tmp_
 
 @pytest.mark.slow
 def test_a_cluster_without_workers_or_data_says_so(plan_of, small_room, tmp_path, scheduler):
-    address, workers = scheduler
+    address, workers, _ = scheduler
     copy = shutil.copytree(small_room.path, tmp_path / "room")
     plan = plan_of(datasets=[str(copy)], seeds=1)
     jobs = [make_job(cell, plan.datasets[cell.config.dataset]) for cell in plan.cells]
@@ -137,6 +137,21 @@ def test_a_cluster_without_workers_or_data_says_so(plan_of, small_room, tmp_path
             list(engine.run([]))
 
 
+@pytest.mark.slow
+def test_a_scheduler_that_goes_away_is_one_line_and_finished_cells_are_kept(plan_of, tmp_path, scheduler, capfd):
+    address, _, itself = scheduler
+    plan = plan_of(seeds=6)
+    with open_engine(scheduler=address) as engine:
+        wait_for_workers(engine, 2)
+        with pytest.raises(EngineError, match="went away; start it") as error:
+            compare(plan, tmp_path, Killing(engine, itself, after=3), plots=False)
+    assert len(error.value.faults) == 1
+    assert capfd.readouterr().err == ""
+    kept = len(list((tmp_path / "small" / "cells").iterdir()))
+    assert kept >= 2
+    assert compare(plan, tmp_path, plots=False).ran == 12 - kept
+
+
 def wait_for_workers(engine, count):
     until = time.monotonic() + 60
     while len(engine._client.scheduler_info(n_workers=-1)["workers"]) != count:
@@ -145,13 +160,13 @@ def wait_for_workers(engine, count):
 
 
 class Killing:
-    """An engine one of whose workers dies midway."""
+    """An engine that loses a process midway."""
 
-    def __init__(self, engine, worker, after):
-        self._engine, self._worker, self._after = engine, worker, after
+    def __init__(self, engine, process, after):
+        self._engine, self._process, self._after = engine, process, after
 
     def run(self, jobs):
         for count, found in enumerate(self._engine.run(jobs), start=1):
             if count == self._after:
-                os.killpg(self._worker.pid, signal.SIGKILL)
+                os.killpg(self._process.pid, signal.SIGKILL)
             yield found
