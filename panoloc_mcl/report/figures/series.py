@@ -9,7 +9,7 @@ import numpy as np
 
 from panoloc_mcl.evaluation import SequenceRecord
 from panoloc_mcl.geometry import FloatArray
-from panoloc_mcl.report.figures.style import BLUE, GREEN, INK, ORANGE, PINK, RED, SKY, STATUS_COLORS, WIDTH_IN
+from panoloc_mcl.report.figures.style import BLUE, GREEN, INK, ORANGE, RED, SKY, STATUS_COLORS, WIDTH_IN, YELLOW
 from panoloc_mcl.report.steps import STAGE_PREFIX, TOTAL
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def _status(axes: Axes, record: SequenceRecord, steps: Mapping[str, FloatArray],
             color=color,
             hatch=hatch,
             label=status,
-            edgecolor="white",
+            edgecolor="#333333",
             linewidth=0,
         )
     axes.set_yticks([])
@@ -94,7 +94,7 @@ def _stages(axes: Axes, record: SequenceRecord, steps: Mapping[str, FloatArray],
     bottom = np.zeros(len(seconds))
     width = 0.9 * float(np.median(np.diff(seconds))) if len(seconds) > 1 else 0.9
     names = [name for name in steps if name.startswith(STAGE_PREFIX) and name != TOTAL]
-    for name, color in zip(names, (BLUE, ORANGE, GREEN, PINK, SKY, RED) * len(names), strict=False):
+    for name, color in zip(names, (BLUE, ORANGE, SKY, YELLOW, GREEN, RED) * len(names), strict=False):
         height = np.nan_to_num(steps[name])
         axes.bar(seconds, height, width, bottom, color=color, label=name.removeprefix(STAGE_PREFIX))
         bottom += height

@@ -20,8 +20,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WIDTH_IN = 4.5
-BLUE, ORANGE, GREEN, RED, PINK, SKY = "#0072b2", "#e69f00", "#009e73", "#d55e00", "#cc79a7", "#56b4e9"
-STATUS_COLORS = {"searching": ORANGE, "converged": BLUE, "ambiguous": PINK, "lost": RED}
+BLUE, ORANGE, GREEN, RED = "#0072b2", "#e69f00", "#009e73", "#d55e00"
+PINK, SKY, YELLOW = "#cc79a7", "#56b4e9", "#f0e442"
+# The four of them that are farthest apart for readers without red or green cones.
+STATUS_COLORS = {"searching": SKY, "converged": BLUE, "ambiguous": YELLOW, "lost": RED}
 #: From no votes to the most.
 VOTE_COLORS = ("#f4f8fb", "#cfe2ef", "#7fb3d5", BLUE)
 #: Endings of the files that figures can be written to.

@@ -5,10 +5,10 @@
   const element = (id) => document.getElementById(id);
   // Okabe & Ito's colours, which colour-blind readers tell apart; each status has a shade of its own, too.
   const STATUS = {
-    searching: ["#e69f00", "searching"], converged: ["#0072b2", "converged"],
-    ambiguous: ["#cc79a7", "ambiguous"], lost: ["#d55e00", "lost"],
+    searching: ["#56b4e9", "searching"], converged: ["#0072b2", "converged"],
+    ambiguous: ["#f0e442", "ambiguous"], lost: ["#d55e00", "lost"],
   };
-  const STAGES = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442"];
+  const STAGES = ["#0072b2", "#e69f00", "#56b4e9", "#f0e442", "#009e73", "#d55e00"];
   const TRUTH_SIZE = 13, FRAME_MS = 350;
   let run = data.runs[0], frame = 0, timer = null, frames = null;
 
@@ -106,7 +106,7 @@
       });
       traces.push({
         type: "bar", orientation: "h", name, base, x: x.length ? x : [null], y: (x.length ? x : [0]).map(() => "status"), width: 0.8,
-        marker: { color, line: { width: 0 }, pattern: { shape: { searching: "/", converged: "", ambiguous: "x", lost: "\\" }[status], solidity: 0.2, fillmode: "overlay", fgcolor: "rgba(255,255,255,0.75)", size: 7 } },
+        marker: { color, line: { width: 0 }, pattern: { shape: { searching: "/", converged: "", ambiguous: "x", lost: "\\" }[status], solidity: 0.2, fillmode: "overlay", fgcolor: "rgba(0,0,0,0.55)", size: 7 } },
         hovertemplate: `${name} from %{base} s<extra></extra>`,
       });
     }
