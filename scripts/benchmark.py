@@ -25,6 +25,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 
 import benchmark_filter  # noqa: E402
+import benchmark_report  # noqa: E402
 import benchmark_voting  # noqa: E402
 import cv2  # noqa: E402
 import numpy as np  # noqa: E402
@@ -174,6 +175,7 @@ def main() -> None:
     )
     parser.add_argument("--voting", action="store_true", help="only: the paper's voting against plain NumPy")
     parser.add_argument("--filter", action="store_true", help="only: the particle filter against NumPy and two packages")
+    parser.add_argument("--report", action="store_true", help="only: writing the report against its run, and its memory")
     parser.add_argument("--out", type=Path, default=Path("results"), help="folder of the plot")
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
@@ -185,6 +187,10 @@ def main() -> None:
     if arguments.filter:
         benchmark_filter.filter_speed(repeats=arguments.repeats)
         benchmark_filter.filter_memory()
+        return
+    if arguments.report:
+        benchmark_report.report_share(str(path), min(arguments.repeats, 3))
+        benchmark_report.long_run(str(path), 500)
         return
     if arguments.build or arguments.costs:
         # Only here, as these sections import this module.
@@ -200,6 +206,7 @@ def main() -> None:
     benchmark_filter.filter_speed([10_000, 100_000], arguments.repeats)
     startup(arguments.repeats)
     whole_run(str(path))
+    benchmark_report.report_share(str(path), min(arguments.repeats, 3))
     print(f"\nPeak memory of this benchmark: {peak_memory_mb():.0f} MB")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from panoloc_mcl.evaluation import SequenceRecord
 from panoloc_mcl.geometry import FloatArray
 from panoloc_mcl.report import layout
 from panoloc_mcl.report.recording import Recording
-from panoloc_mcl.report.steps import STAGE_PREFIX, TOTAL, read_figures
+from panoloc_mcl.report.steps import STAGE_PREFIX, TOTAL, read_figures, read_messages
 
 # More points only make the page slow; errors then are the largest of each bin.
 _MOST_POINTS = 3000
@@ -59,11 +60,13 @@ def run_data(record: SequenceRecord, folder: Path) -> dict[str, Any]:
             for name, column in steps.items()
             if name.startswith(STAGE_PREFIX) and name != TOTAL
         },
-        "recording": _recording_data(Recording.load(frames), record) if frames.exists() else None,
+        "recording": _recording_data(Recording.load(frames), record, read_messages(within / layout.STEPS))
+        if frames.exists()
+        else None,
     }
 
 
-def _recording_data(recording: Recording, record: SequenceRecord) -> dict[str, Any]:
+def _recording_data(recording: Recording, record: SequenceRecord, messages: Sequence[str]) -> dict[str, Any]:
     rows = recording.rows
     low, high = _bounds(recording, record)
     (x, y, step), grid = grid_of(recording.places, recording.spacing)
@@ -73,6 +76,7 @@ def _recording_data(recording: Recording, record: SequenceRecord) -> dict[str, A
         "pose": _poses(record.poses[rows]),
         "truth": None if record.truth is None else _poses(record.truth[rows]),
         "status": [record.status[row] for row in rows],
+        "message": [messages[row] for row in rows],
         "position_error": None if position is None else _numbers(position[rows], 5),
         "heading_error": None if heading is None else _numbers(heading[rows], 4),
         "best_place": record.best_place[rows].tolist(),

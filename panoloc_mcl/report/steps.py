@@ -136,6 +136,12 @@ def read_figures(path: Path) -> dict[str, FloatArray]:
         raise ResultsError(f"{path}: a cell holds no number ({error}); run again") from error
 
 
+def read_messages(path: Path) -> tuple[str, ...]:
+    """What each row of a ``steps.csv`` says was wrong with its image; empty where nothing was."""
+    with path.open(encoding="utf-8", newline="") as stream:
+        return tuple(row.get("message") or "" for row in csv.DictReader(stream))
+
+
 def _stages(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     stages: dict[str, None] = {}
     for i, row in enumerate(rows):

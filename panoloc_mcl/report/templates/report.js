@@ -219,6 +219,7 @@
     if (i >= 0) {
       text = `frame ${i + 1} of ${total}, ${r.seconds[i]} s: ${r.status[i]}`;
       if (r.position_error) text += `, error ${metres(r.position_error[i])}, ${r.heading_error[i].toFixed(2)}°`;
+      if (r.message[i]) text += `; ${r.message[i]}`;
     }
     element("caption").textContent = text;
     element("slider").value = frame;
