@@ -1,4 +1,4 @@
-"""Data sets that come with the package: rendered at first use into the user's cache."""
+"""Data sets that come with the package: shipped in it, or rendered at first use into the user's cache."""
 
 from __future__ import annotations
 
@@ -19,23 +19,31 @@ _STALE_S = 24 * 3600.0
 
 @dataclass(frozen=True)
 class Embedded:
-    """A data set that can be made anew.
+    """A data set that comes with the package.
 
     Parameters
     ----------
     description : str
     version : int
         Raised whenever the contents change.
-    build : callable
+    build : callable or None
         Renders it into a folder, reporting progress as (done, total).
+    shipped : Path or None
+        The folder of one that needs no rendering.
     """
 
     description: str
     version: int
-    build: Callable[[Path, Progress | None], Path]
+    build: Callable[[Path, Progress | None], Path] | None = None
+    shipped: Path | None = None
 
 
 EMBEDDED: dict[str, Embedded] = {
+    "hall": Embedded(
+        "the hall of the simulator: 42 references, drives of 20 frames at noon, in the afternoon, in the evening and among people",
+        1,
+        shipped=Path(__file__).parent / "embedded_hall",  # made by: panoloc simulate configs/simulate_embedded.yaml
+    ),
     "room": Embedded(
         "a furnished room: 20 references, drives of 20 frames at noon, in the afternoon and in the evening",
         1,
@@ -64,6 +72,8 @@ def embedded_dataset(name: str, progress: Progress | None = None) -> Path:
     if name not in EMBEDDED:
         raise DatasetError(f"dataset = '{name}': no such embedded data set; known: {', '.join(EMBEDDED)}")
     entry = EMBEDDED[name]
+    if entry.shipped is not None:
+        return entry.shipped
     folder = cache_folder() / f"{name}-{entry.version}"
     if _is_whole(folder):
         return folder
@@ -110,6 +120,7 @@ def _render(entry: Embedded, folder: Path, progress: Progress | None) -> Path:
     folder.parent.mkdir(parents=True, exist_ok=True)
     _remove_stale(folder)
     work = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+    assert entry.build is not None  # it is not shipped
     try:
         entry.build(work / "data", progress)
         if folder.exists() and not _is_whole(folder):

@@ -74,7 +74,16 @@ def test_resolving_names_and_paths(cache: Path, room: Path, monkeypatch: pytest.
     assert resolve_dataset("room") == Path("room")  # a data set here goes before the embedded one
     with pytest.raises(DatasetError, match=r"'rooom': neither a folder nor an embedded data set .*did you mean 'room'"):
         resolve_dataset("rooom")
-    with pytest.raises(DatasetError, match=r"\(room\); check the path"):
+    with pytest.raises(DatasetError, match=r"\(hall, room\); check the path"):
         resolve_dataset("/nowhere/at/all")
-    with pytest.raises(DatasetError, match="known: room"):
-        embedded_dataset("hall")
+    with pytest.raises(DatasetError, match="known: hall, room"):
+        embedded_dataset("cellar")
+
+
+def test_the_shipped_hall() -> None:
+    path = embedded_dataset("hall")
+    dataset = read_dataset(path)
+    assert len(dataset.references) == 42
+    assert list(dataset.sequences) == ["afternoon_00", "evening_00", "noon_00", "people_00"]
+    assert all(sequence.odometry is not None and sequence.groundtruth is not None for sequence in dataset.sequences.values())
+    assert sum(file.stat().st_size for file in path.rglob("*") if file.is_file()) < 8_000_000
