@@ -1,14 +1,15 @@
 """Every table and figure of the paper (Steinbauer & Bischof 2004) beside this package's: Markdown, CSV and PNG.
 
-    python scripts/reproduce_paper.py [--dataset PATH_OR_NAME] [--omni PATH] [--out DIR] [--workers N] [--scheduler ADDRESS]
-                                      [--seeds N] [--figure-seeds N] [--quick]
+    python scripts/reproduce_paper.py [--dataset PATH_OR_NAME] [--omni PATH] [--scene NAME] [--out DIR] [--workers N]
+                                      [--scheduler ADDRESS] [--seeds N] [--figure-seeds N] [--quick]
 
 Three methods stand beside the paper's numbers: its own voting in its own Kalman tracker (configs/paper.yaml), this package's votes in
 that tracker (configs/kalman.yaml), both with the heading known at the start, and Monte Carlo localization with nothing known
 (configs/global.yaml). Without ``--seeds`` every light gets at least 50 runs and 1000 passes of a place. Cells that are finished are
 not run again: an interrupted reproduction goes on. ``--quick`` takes a minute and shows that all of it works, no more.
 
-Table 1 is made of ``lux.csv`` in the data set's folder, if it has one: one row a reference, one column a light.
+Table 1 is made of ``lux.csv`` in the data set's folder, if it has one (one row a reference, one column a light); or with ``--scene``
+by the simulator's light meter, held at the references in the scene that the data set was rendered from (simulate_hall.yaml: hall).
 """
 
 from __future__ import annotations
@@ -56,6 +57,7 @@ NOISE = (0.1, 0.25, 0.4, 0.5, 0.6, 0.75)
 BARS = (0.1, 0.3, 0.5, 0.7, 0.8, 0.9)
 RUNS, PASSES, FIGURE_PASSES = 50, 1000, 225
 _GOOD_RATE = 0.9
+_METER_HEIGHT_M = 0.02
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,7 @@ def main(words: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--dataset", default="hall", help="path of a data set, or the name of an embedded one")
     parser.add_argument("--omni", metavar="PATH", help="data set with raw omnidirectional images, for figure 2")
+    parser.add_argument("--scene", metavar="NAME", help="scene of the simulator that the data set is of, for table 1")
     parser.add_argument("--out", metavar="DIR", default="results/reproduction", help="folder of the report")
     parser.add_argument("--workers", type=int, metavar="N", help="local worker processes")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="a running Dask scheduler")
@@ -129,7 +132,10 @@ def reproduce(arguments: argparse.Namespace, engine: Engine, watching: Monitor) 
     )
     bars = study("figure_8", noon, METHODS, recipes("bars", effort.bars), effort.figure_seeds, out, engine, watching)
     bench = figures.Bench(dataset, effort.images)
-    lines = [*head(dataset, arguments, effort), *table_1(dataset, lights, out)]
+    lines = [
+        *head(dataset, arguments, effort),
+        *table_1(dataset, lights, arguments.scene, 64 if arguments.quick else 4096, out),
+    ]
     lines += [*table_2_lines(table_2, lights), *tracked(table_2, lights)]
     lines += figures.figure_1(bench, out)
     lines += figures.figure_2(dataset, arguments.omni, out)
@@ -239,10 +245,10 @@ def head(dataset: Dataset, arguments: argparse.Namespace, effort: Effort) -> lis
     ]
 
 
-def table_1(dataset: Dataset, lights: Sequence[str], out: Path) -> list[str]:
+def table_1(dataset: Dataset, lights: Sequence[str], scene: str | None, samples: int, out: Path) -> list[str]:
     """Light at the places beside the paper's."""
     lines = ["## Table 1: light at the reference places, lux", ""]
-    measured = lux_of(dataset.path / "lux.csv")
+    measured = lux_of(dataset.path / "lux.csv") or ({} if scene is None else metered(dataset, lights, scene, samples))
     lines += ["| light | paper: min / max / mean / sd | here |", "|---|---|---|"]
     rows = []
     for light in lights:
@@ -254,10 +260,30 @@ def table_1(dataset: Dataset, lights: Sequence[str], out: Path) -> list[str]:
             rows.append([light, *map(repr, map(float, found))])
         lines.append(f"| {light} | {' / '.join(f'{value:g}' for value in TABLE_1[light])} | {here} |")
     if not measured:
-        lines += ["", f"`{dataset.name}` has no `lux.csv`: its light was not measured."]
+        lines += ["", f"`{dataset.name}` has no `lux.csv`, and no `--scene` was named: its light was not measured."]
     else:
         write_csv(out / "table_1.csv", ("light", "min", "max", "mean", "sd"), rows)
     return [*lines, ""]
+
+
+def metered(dataset: Dataset, lights: Sequence[str], name: str, samples: int) -> dict[str, FloatArray]:
+    """What a light meter on the floor says at the references of a simulated data set, lux.
+
+    Raises
+    ------
+    PanolocError
+        No such scene, a light that it has not, or the renderer is not installed.
+    """
+    from panoloc_mcl.simulation.building import build
+    from panoloc_mcl.simulation.renderer import backend
+    from panoloc_mcl.simulation.scene import load_scene
+    from panoloc_mcl.simulation.world import illuminance
+
+    scene, folder = load_scene(name)
+    building, used = build(scene, folder), backend()
+    positions = dataset.references.poses[:, :2]
+    points = np.column_stack([positions, np.full(len(positions), _METER_HEIGHT_M)])
+    return {light: illuminance(building, light, points, used, samples)[0] for light in lights if light in scene.lights}
 
 
 def lux_of(path: Path) -> dict[str, FloatArray]:
