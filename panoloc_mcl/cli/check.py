@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from panoloc_mcl.cli.command import Command, add_set_option, overrides_of
@@ -38,7 +39,10 @@ def find_faults(path: str, overrides: list[str | Override]) -> list[str]:
         A file that cannot be read at all.
     """
     from panoloc_mcl.config import dataset_in, load_config
+    from panoloc_mcl.config.validation import read_yaml
 
+    if "scene" in read_yaml(Path(path)):
+        return _simulation_faults(Path(path), overrides)
     config: RunConfig | None = None
     faults: list[str] = []
     try:
@@ -54,9 +58,19 @@ def find_faults(path: str, overrides: list[str | Override]) -> list[str]:
     return faults + of_dataset
 
 
-def _is_embedded(name: str) -> bool:
-    from pathlib import Path
+def _simulation_faults(path: Path, overrides: list[str | Override]) -> list[str]:
+    """What would stop ``panoloc simulate`` before its first frame; needs no renderer."""
+    from panoloc_mcl.simulation.settings import load_simulation
+    from panoloc_mcl.simulation.simulate import Simulation
 
+    try:
+        Simulation(load_simulation(path, overrides), path.parent)
+    except PanolocError as error:
+        return list(error.faults)
+    return []
+
+
+def _is_embedded(name: str) -> bool:
     from panoloc_mcl.datasets import EMBEDDED
 
     return name in EMBEDDED and not (Path(name) / "dataset.yaml").is_file()
