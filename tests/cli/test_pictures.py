@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from panoloc_mcl.cli.plot import FIGURES
+from panoloc_mcl.datasets import EMBEDDED
 from panoloc_mcl.report import figures
 
 needs_matplotlib = pytest.mark.skipif(not figures.can_draw(), reason="matplotlib is not installed")
@@ -148,7 +149,8 @@ def test_inspect_tells_of_data_map_and_results(small_room, panoloc, tmp_path, fu
 def test_inspect_knows_nothing_else(panoloc):
     done = panoloc("inspect", "nowhere")
     assert done.code == 2
-    assert done.err == "nowhere: neither a map file, a data set nor a results folder; check the path, or use room\n"
+    known = ", ".join(EMBEDDED)
+    assert done.err == f"nowhere: neither a map file, a data set nor a results folder; check the path, or use {known}\n"
 
 
 @pytest.mark.skipif(importlib.util.find_spec("rerun") is None, reason="rerun is not installed")
