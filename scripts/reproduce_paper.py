@@ -323,8 +323,8 @@ def table_2_lines(found: Study, lights: Sequence[str]) -> list[str]:
     """Recognition and lost tracks beside the paper's, and what can be said of the difference."""
     lines = ["## Table 2: recognition under different light", ""]
     lines += [
-        "Tracks lost: more than 1 m or 20° off for more than 3 s after having been localised; in brackets those of the heading alone. The "
-        "paper, which does not define the term, speaks of the track of the orientation.",
+        "Tracks lost: more than 1 m or 20° off for more than 3 s after having been localised; in brackets those of the heading alone. "
+        "The paper, which does not define the term, speaks of the track of the orientation.",
         "",
         "| light | | runs | passed | recognised | % (95 %) | tracks lost | runs succeeded % (95 %) |",
         "|---|---|---|---|---|---|---|---|",
