@@ -338,7 +338,9 @@ def _radiance(
                 mi.Point3f(*(mi.Float(np.repeat(column, samples).astype(np.float32)) for column in o.T)),
                 mi.Vector3f(*(mi.Float(np.repeat(column, samples).astype(np.float32)) for column in d.T)),
             )
-            sampler.seed(seed * 7919 + number, len(o) * samples)
+            # Opaque, or the seed would become part of the program, and every call would be compiled anew.
+            opaque = importlib.import_module("drjit").opaque(mi.UInt32, seed * 7919 + number)
+            sampler.seed(opaque, len(o) * samples)
             colour = np.array(integrator.sample(scene, sampler, ray)[0], dtype=np.float64)
             result[start : start + len(o)] = (_LUMINANCE @ colour).reshape(len(o), samples).mean(axis=1)
         else:
