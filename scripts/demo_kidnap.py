@@ -14,13 +14,12 @@ from panoloc_mcl.report.figures import Shot, animation
 
 settings = {
     "name": "demo_kidnap",
+    "dataset": sys.argv[1] if len(sys.argv) > 1 else "hall",
     "sequences": ["evening_00"],
     "kidnap": {"every_frames": 10},
     "observation": {"votes": {"tolerance": 0.3, "refinement": {"enabled": False}}},
     "localizer": {"monte_carlo": {"particles": 5000, "recovery": {"max_share": 0.1}}, "status": {"lost_match": 0.3}},
 }
-if len(sys.argv) > 1:
-    settings["dataset"] = sys.argv[1]
 
 outcome = run(config_from_mapping(settings, "demo"))
 print_metrics(outcome.metrics, beside_paper=False)

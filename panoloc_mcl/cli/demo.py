@@ -19,7 +19,9 @@ _SLOWED = (
     "slowed down to be watched: refinement off, votes cautious, few particles drawn from images; by default one image is enough"
 )
 _OBSERVATION: dict[str, Any] = {"refinement": {"enabled": False}}
-#: What each demo changes of the defaults; the data set is the default one.
+#: The embedded data set that the demos drive through.
+DATASET = "hall"
+#: What each demo changes of the defaults.
 DEMOS: dict[str, dict[str, Any]] = {
     "relocalize": {
         "sequences": ["evening_00"],
@@ -58,7 +60,8 @@ def execute(args: argparse.Namespace) -> int:
     named = [
         Override(key, value, f"--{key} {value}") for key, value in (("seed", args.seed), ("out", args.out)) if value is not None
     ]
-    config = config_from_mapping({"name": f"demo_{args.demo}", **DEMOS[args.demo]}, "demo", overrides_of(args, named))
+    settings = {"name": f"demo_{args.demo}", "dataset": DATASET, **DEMOS[args.demo]}
+    config = config_from_mapping(settings, "demo", overrides_of(args, named))
     note(_STORY[args.demo])
     note(_SLOWED)
     outcome = watched_run(config, args)
