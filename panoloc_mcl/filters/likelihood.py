@@ -19,6 +19,8 @@ Float64 = NDArray[np.float64]
 
 # Cells so many standard deviations below the best add nothing to the mean of a field.
 _DEEPEST = 5.0
+# Votes change little from one degree to the next: so many headings are enough for the mean.
+_HEADINGS = 90
 _TINY = float(np.finfo(np.float64).tiny)
 
 
@@ -74,8 +76,10 @@ class Likelihood:
             measured = votes.measurement.pose, votes.measurement.covariance
             if offset is not None:
                 measured = carried(*measured, offset.reversed())
-        likely = votes.votes[votes.votes >= votes.peak.votes - _DEEPEST * votes.tolerance / math.sqrt(sharpness)]
-        mean = float(np.exp(sharpness * votes.log_likelihood(likely)).sum()) / votes.votes.size
+        deepest = np.float32(votes.peak.votes - _DEEPEST * votes.tolerance / math.sqrt(sharpness))
+        flat = votes.votes[:: max(1, len(votes.headings) // _HEADINGS)].ravel()
+        likely = flat[np.flatnonzero(flat >= deepest)]
+        mean = float(np.exp(sharpness * votes.log_likelihood(likely)).sum()) / flat.size
         floor, doubt = settings.floor, max(settings.measured_doubt, votes.doubt)
         # Blocks of particles may be read in several threads at once; what they share is worked out here.
         _ = votes.peak, votes.places.raster
@@ -97,12 +101,10 @@ class Likelihood:
 
     def wrong(self, fit: Float64) -> Float64:
         """All of the likelihood but what the measured pose says, relative to its mean over the map, from `by_votes`."""
-        values = np.divide(fit, self.mean)
         if self.measured is not None:
-            values *= self.doubt
-        else:
-            values *= 1.0 - self.doubt
-            values += self.doubt
+            return fit * (self.doubt / self.mean)
+        values = fit * ((1.0 - self.doubt) / self.mean)
+        values += self.doubt
         return values
 
     def at_measured(self, poses: Float64, prior: Prior) -> tuple[Float64, Float64]:

@@ -232,23 +232,22 @@ class MonteCarloFilter:
 
     def _weigh_predicted(self, image: Likelihood, prior: Prior, plan: Plan, fit: Float64) -> float:
         """Multiply the weights by the likelihood; returns its mean, with what is to be drawn counted out."""
-        factor = np.empty(len(fit))
+        explained = np.zeros(-(-len(fit) // BLOCK))
+        # Log-weights become those of weights that summed to 1 before the image, times what all have in common.
+        shift = float(self.log_weights.max()) - math.log(float(self.weights.max()) * max(1.0 - plan.elsewhere, _TINY))
 
         def weigh(block: slice) -> None:
             values = image.wrong(fit[block])
             if plan.from_pose:
                 values += (1.0 - image.doubt) * plan.predicted_part(*image.at_measured(self.poses[block], prior))
-            factor[block] = (1.0 - plan.elsewhere) * values
+            explained[block.start // BLOCK] = self.weights[block] @ values
+            # Where the floor is zero, nothing may be left; a logarithm must stay finite.
+            np.log(values if image.floor > 0.0 else np.maximum(values, _TINY), out=values)
+            values -= shift
+            self.log_weights[block] += values
 
-        self._blocks.each(weigh, len(factor))
-        explained = self._mean(factor)
-        # Far from everything there may be nothing left; a logarithm must stay finite.
-        np.maximum(factor, _TINY, out=factor)
-        np.log(factor, out=factor)
-        # Log-weights from here on are those of weights that summed to 1 before the image.
-        self.log_weights -= float(self.log_weights.max()) - math.log(float(self.weights.max()))
-        self.log_weights += factor
-        return explained
+        self._blocks.each(weigh, len(fit))
+        return (1.0 - plan.elsewhere) * float(sum(explained))
 
     def _draw(
         self, image: Likelihood, prior: Prior, plan: Plan, offset: Motion | None, fit: Float64, rng: np.random.Generator
