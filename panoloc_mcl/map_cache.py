@@ -17,7 +17,7 @@ from panoloc_mcl.panorama_map import FORMAT, PanoramaMap
 from panoloc_mcl.progress import Progress, no_progress
 
 # Counts up whenever the same settings give another map.
-_REVISION = 16
+_REVISION = 17
 
 
 def cached_map(dataset: Dataset, observation: ObservationSettings, seed: int, progress: Progress = no_progress) -> PanoramaMap:

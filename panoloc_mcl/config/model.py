@@ -128,7 +128,7 @@ class VotesSettings(StrictModel):
         "image fits nowhere.",
     )
     fits_nowhere_below: Share = Field(
-        0.5,
+        0.45,
         json_schema_extra=OBSERVING,
         description="An image whose best pose is less probable than this fits nowhere in the map: it is skipped, and said to be so.",
     )

@@ -26,11 +26,13 @@ from panoloc_mcl.references import ReferencePanoramas
 Float64 = NDArray[np.float64]
 
 #: What images of a held-out reference suffer.
-CONDITIONS = ("", "bars:0.6", "random_pixels:0.5", "spatial_light", "blobs:0.4")
+CONDITIONS = ("", "bars:0.6", "gain:0.4+random_pixels:0.5", "spatial_light", "blobs:0.4")
+#: And upside down, which was taken nowhere; the second and later ones mirrored, too, so that they are not the same image again.
+NOWHERE = ("bars:0.6", "", "gain:0.4+random_pixels:0.5", "spatial_light")
 #: A pose is right within this distance, metres.
 RIGHT_WITHIN_M = 0.25
 # Weights of the regression stay small where a few images say little.
-_RIDGE = 0.005
+_RIDGE = 0.003
 _BINS = 10
 
 
@@ -172,12 +174,14 @@ def _trials(model: HeldOut, references: ReferencePanoramas, index: int) -> list[
     columns = references.geometry.width
     field_of_view = references.geometry.elevation_top_deg - references.geometry.elevation_bottom_deg
     trials = []
-    for number, (condition, upside_down) in enumerate(
-        [*((name, False) for name in CONDITIONS), ("", True), ("bars:0.6", True)]
-    ):
+    upright = references.pixels[index]
+    mirrored = upright[::-1, ::-1]
+    images = [*((name, upright) for name in CONDITIONS), *zip(NOWHERE, [upright[::-1], *[mirrored] * 3], strict=True)]
+    for number, (condition, image) in enumerate(images):
+        upside_down = number >= len(CONDITIONS)
         rng = np.random.default_rng([index, number])
         shift = int(rng.integers(columns))
-        pixels = np.roll(references.pixels[index][:: -1 if upside_down else 1], -shift, axis=1)
+        pixels = np.roll(image, -shift, axis=1)
         if condition:
             pixels = parse_recipe(condition).image(np.ascontiguousarray(pixels), rng, field_of_view)
         field = model.observe(Panorama(pixels.astype(np.float32), references.valid))
