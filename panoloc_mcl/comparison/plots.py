@@ -25,8 +25,12 @@ Style = dict[str, Any]
 # Okabe and Ito: told apart by colour-blind readers; line styles go on where the colours end.
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8c6d00")
 _STYLES = ("-", "--", ":")
+_MARKERS = ("o", "s", "^")
+# Above so many decades, an axis has room for powers of ten alone.
+_MOST_DECADES = 2.5
 _MOST_PANELS = 12
 _PANEL_IN = (3.4, 2.7)
+_LEGEND_ROW_IN = 0.17
 # A logarithmic axis shows no zero.
 _LEAST_MM = 0.1
 #: The severity of a corruption that changes nothing.
@@ -114,7 +118,7 @@ def draw_convergence(groups: Sequence[Group]) -> Figure | None:
             **style,
         )
 
-    figure = _panels(groups, panel, "images", "share of runs that call themselves converged")
+    figure = _panels(groups, panel, "images", "share of runs converged")
     for axes in figure.axes:
         _plain_log(axes, "x")
         axes.set_ylim(-0.03, 1.03)
@@ -194,11 +198,12 @@ def draw_cost(groups: Sequence[Group]) -> Figure | None:
         return None
     figure = Figure(figsize=(6.4, 4.2), layout="constrained")
     axes = figure.add_subplot()
-    _plain_log(axes, "x")
-    _plain_log(axes, "y")
     for method, style in _styles(clean).items():
         if method in points:
-            axes.plot(*points[method], marker="o", linestyle="none", color=style["color"], label=method)
+            marker = _MARKERS[_STYLES.index(style["linestyle"])]
+            axes.plot(*points[method], marker=marker, linestyle="none", color=style["color"], label=method)
+    for which in ("x", "y"):
+        _plain_log(axes, which)
     axes.margins(0.15)
     _finish(axes, "", "time of one image, pixels to pose: median [ms]", "median position error of all images [mm]")
     axes.grid(True, which="minor", alpha=0.1, linewidth=0.4)
@@ -235,12 +240,14 @@ def _panels(groups: Sequence[Group], draw: Callable[[Axes, Group, Style], None],
 
 
 def _plain_log(axes: Axes, which: str) -> None:
-    """A logarithmic axis with plain numbers at 1, 2 and 5."""
+    """A logarithmic axis with plain numbers, at 1, 2 and 5 where there is room for them; call it when all is drawn."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     getattr(axes, f"set_{which}scale")("log")
+    low, high = getattr(axes, f"get_{which}lim")()
+    steps = (1.0, 2.0, 5.0) if np.log10(high / low) < _MOST_DECADES else (1.0,)
     axis = getattr(axes, f"{which}axis")
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=20))
+    axis.set_major_locator(LogLocator(subs=steps, numticks=20))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
 
@@ -268,4 +275,5 @@ def _legend(figure: Figure, axes: Axes) -> None:
     if handles:
         widest = max(len(label) for label in labels)
         columns = int(np.clip(figure.get_figwidth() * 13 // (widest + 6), 1, len(labels)))
+        figure.set_figheight(figure.get_figheight() + _LEGEND_ROW_IN * (-(-len(labels) // columns) - 1))
         figure.legend(handles, labels, loc="outside upper left", ncols=columns, fontsize=8, frameon=False)
