@@ -38,6 +38,7 @@ FloatArray = NDArray[np.float64]
 _CELL_M = 0.25
 _FINE_CELL_M = 0.12
 _COARSE_CELL_M = 1.5
+_COARSE_CELLS = 80  # at most, along a side of the ground outside
 _DARK = Material(albedo=0.06)
 _SIDES = 12  # of a cylinder
 
@@ -205,7 +206,8 @@ class _Builder:
         material = self.scene.materials[thing.material]
         up = thing.kind == "floor"
         along, across = ((wide, 0.0, 0.0), (0.0, high, 0.0)) if up else ((0.0, high, 0.0), (wide, 0.0, 0.0))
-        cell = _COARSE_CELL_M if thing.coarse else _FINE_CELL_M if up else _CELL_M
+        coarse = max(_COARSE_CELL_M, max(wide, high) / _COARSE_CELLS)
+        cell = coarse if thing.coarse else _FINE_CELL_M if up else _CELL_M
         if thing.field is not None:
             left, low, right, top = thing.field
             texture = field_texture(material, wide, high, (left - x0, low - y0, right - x0, top - y0))
