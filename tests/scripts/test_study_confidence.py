@@ -10,6 +10,7 @@ def study(load_script):
     return load_script("study_confidence")
 
 
+@pytest.mark.slow
 def test_the_table_holds_every_condition_and_all_of_them_together(study, capsys: pytest.CaptureFixture[str]) -> None:
     assert study.main(["--dataset", "room", "--conditions", "clean", "bars:0.5", "--every", "24"]) == 0
     printed = capsys.readouterr().out

@@ -135,6 +135,7 @@ def test_references_that_have_nothing_in_common_give_no_virtual_places() -> None
     assert np.array_equal(model.places.positions, world.positions)
 
 
+@pytest.mark.slow
 def test_a_map_of_wrong_poses_is_refused_and_one_with_a_stranger_is_kept(right) -> None:
     settings = SETTINGS.model_copy(update={"components": 20})
     with pytest.raises(MapError) as caught:
