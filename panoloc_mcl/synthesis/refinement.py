@@ -9,7 +9,7 @@ references' features are warped as they are. The last steps warp the images and 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 import cv2
@@ -22,6 +22,7 @@ from panoloc_mcl.eigenspace.gradients import orientations, pad_circular
 from panoloc_mcl.geometry import wrap_angle
 from panoloc_mcl.kernels.warping import column_products, normal_equations
 from panoloc_mcl.measurement import Agreement, PoseMeasurement
+from panoloc_mcl.references import ReferencePanoramas
 from panoloc_mcl.synthesis.views import MARGIN, ViewSynthesizer
 
 Float64 = NDArray[np.float64]
@@ -101,7 +102,8 @@ class PoseRefiner:
         self._synthesizer = synthesizer
         self._settings = settings
         self._tree = cKDTree(synthesizer.references.positions)
-        self._source_planes = lru_cache(maxsize=_KEPT_FEATURES)(self._make_source_planes)
+        # Not of a method: what is kept would keep the refiner, and itself, until the garbage is collected.
+        self._source_planes = lru_cache(maxsize=_KEPT_FEATURES)(partial(_source_planes, synthesizer.references, settings))
 
     def refine(self, z: Complex64, usable: Bool, pose: Float64) -> PoseMeasurement:
         """Refine a pose that is right to a few decimetres and degrees.
@@ -233,9 +235,6 @@ class PoseRefiner:
         map_x, map_y = self._synthesizer.table(source, position, profile, step.stride)
         return _read(self._source_planes(source, step.sigma), map_x, map_y)
 
-    def _make_source_planes(self, source: int, sigma: float) -> Float32:
-        return _planes(*orientations(self._synthesizer.references.panorama(source), self._settings), sigma)
-
     def _turned_back(self, planes: Float32, heading: float, tilt: Float64, stride: int) -> tuple[Complex64, Bool]:
         """Features as an upright camera would have seen them at heading 0."""
         rows, columns = planes.shape[0], planes.shape[1] - 2 * MARGIN
@@ -262,6 +261,10 @@ def _agreeing(columns: Float64) -> Bool:
     agreement = summed[0] / np.sqrt(np.maximum(summed[1] * summed[2], 1e-12))
     upper_quartile = np.partition(agreement, 3 * count // 4)[3 * count // 4]
     return np.asarray(agreement >= _AGREEING_SHARE * upper_quartile)
+
+
+def _source_planes(references: ReferencePanoramas, settings: VotesSettings, source: int, sigma: float) -> Float32:
+    return _planes(*orientations(references.panorama(source), settings), sigma)
 
 
 def _planes(z: Complex64, usable: Bool, sigma: float) -> Float32:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 
 import cv2
 import numpy as np
@@ -76,7 +76,8 @@ class ViewSynthesizer:
         self.alone = np.zeros(len(references), dtype=np.bool_) if alone is None else alone
         self.rays = FloorRays.of(references.geometry, camera_height_m)
         # Of a large map only those at hand; whoever goes from place to place needs the same ones again.
-        self._padded = lru_cache(maxsize=_KEPT_IMAGES)(self._make_padded)
+        # Not of a method, which would keep the synthesiser itself until the garbage is collected.
+        self._padded = lru_cache(maxsize=_KEPT_IMAGES)(partial(_padded, references))
 
     @cached_property
     def _sources(self) -> NDArray[np.int64]:
@@ -90,10 +91,6 @@ class ViewSynthesizer:
         """Distances and indices of the nearest references that views can be made from."""
         distances, found = self._tree.query(position, k=min(count, len(self._sources)))
         return np.atleast_1d(distances), self._sources[np.atleast_1d(found)]
-
-    def _make_padded(self, source: int) -> Float32:
-        """A reference as float32, continued across the seam: (rows, columns + 2 margins)."""
-        return pad_circular(self.references.pixels[source].astype(np.float32), MARGIN)
 
     def of(self, indices: NDArray[np.int64]) -> ViewSynthesizer:
         """A synthesiser that has some of the references only."""
@@ -156,3 +153,8 @@ class ViewSynthesizer:
             return Panorama(pixels, None)
         pixels *= seen
         return Panorama(pixels, seen)
+
+
+def _padded(references: ReferencePanoramas, source: int) -> Float32:
+    """A reference as float32, continued across the seam: (rows, columns + 2 margins)."""
+    return pad_circular(references.pixels[source].astype(np.float32), MARGIN)
