@@ -23,7 +23,7 @@ CACHE_VARIABLE = "PANOLOC_CACHE_DIR"
 
 
 def cache_folder() -> Path:
-    """Where rendered data sets and built maps are kept: ``PANOLOC_CACHE_DIR``, or else the user's cache."""
+    """Where what can be made again is kept, such as built maps and rendered light: ``PANOLOC_CACHE_DIR``, or else the user's cache."""
     chosen = os.environ.get(CACHE_VARIABLE)
     return Path(chosen).expanduser() if chosen else user_cache_path("panoloc_mcl", appauthor=False)
 

@@ -114,7 +114,7 @@ def run(config: RunConfig, command: Sequence[str] = (), monitor: Monitor | None 
         Anything that the user can mend; nothing half-written is left that a reader could take for whole.
     """
     monitor = monitor or SilentMonitor()
-    dataset = read_dataset(resolve_dataset(config.dataset, lambda done, total: monitor.progress(done, total, "rendering")))
+    dataset = read_dataset(resolve_dataset(config.dataset))
     tasks = make_tasks(dataset, config)
     panorama_map = find_map(dataset, config, monitor)
     model = panorama_map.observation_model(config.observation)

@@ -223,7 +223,7 @@ class Row:
 def main(words: Sequence[str] | None = None) -> int:
     """Make the table; 0 if every row has figures, 1 if some have an error instead, 2 if nothing could be done."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--dataset", default="room", help="path of a data set, or the name of an embedded one")
+    parser.add_argument("--dataset", default="hall", help="path of a data set, or the name of an embedded one")
     parser.add_argument(
         "--models", nargs="+", default=["*"], metavar="NAME", help=f"of {', '.join(dict.fromkeys(map(_model, MODELS)))}"
     )

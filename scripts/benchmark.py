@@ -167,7 +167,7 @@ def whole_run(dataset: str) -> None:
 def main() -> None:
     """Run all benchmarks."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--dataset", default="room", help="path of a data set, or the name of an embedded one")
+    parser.add_argument("--dataset", default="hall", help="path of a data set, or the name of an embedded one")
     parser.add_argument("--repeats", type=int, default=15)
     parser.add_argument("--build", action="store_true", help="only: building a map against plain NumPy (a minute or two)")
     parser.add_argument(

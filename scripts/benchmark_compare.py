@@ -27,7 +27,7 @@ from panoloc_mcl.errors import PanolocError
 def main(words: Sequence[str] | None = None) -> int:
     """Print the table; 2 if the data cannot be used or Dask is not there."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--dataset", default="room", help="path of a data set, or the name of an embedded one")
+    parser.add_argument("--dataset", default="hall", help="path of a data set, or the name of an embedded one")
     parser.add_argument("--workers", type=int, default=2, metavar="N")
     parser.add_argument("--seeds", type=int, default=8, metavar="N", help="more make the matrix longer")
     parser.add_argument("--repeats", type=int, default=3, metavar="N")

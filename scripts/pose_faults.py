@@ -125,7 +125,7 @@ def main() -> None:
         "| right, without virtual places | map has virtual places |"
     )
     print("|---|---|---|---|---|---|")
-    for name in arguments.dataset or ["room"]:
+    for name in arguments.dataset or ["hall"]:
         for row in rows(name, arguments.draws, arguments.seed, arguments.within, arguments.threads):
             print(row, flush=True)
 

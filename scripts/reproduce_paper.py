@@ -118,7 +118,7 @@ def main(words: Sequence[str] | None = None) -> int:
 
 def reproduce(arguments: argparse.Namespace, engine: Engine, watching: Monitor) -> Path:
     """Run everything and write the report."""
-    dataset = read_dataset(resolve_dataset(arguments.dataset, lambda done, total: watching.progress(done, total, "rendering")))
+    dataset = read_dataset(resolve_dataset(arguments.dataset))
     lights = [light for light in LIGHTS if any(group_of(name) == light for name in dataset.sequences)]
     if not lights:
         raise ConfigError(f"--dataset {dataset.name}: has no sequences named {', '.join(LIGHTS)} (as in noon_00)")

@@ -34,7 +34,7 @@ def without(references: ReferencePanoramas, index: int) -> ReferencePanoramas:
 def main() -> None:
     """Write the picture and print how well it agrees."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--dataset", default="room", help="path of a data set, or the name of an embedded one")
+    parser.add_argument("--dataset", default="hall", help="path of a data set, or the name of an embedded one")
     parser.add_argument("--reference", type=int, default=7, help="the one that is left out")
     parser.add_argument("-o", "--output", default="synthesis.png")
     arguments = parser.parse_args()

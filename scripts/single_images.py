@@ -65,7 +65,7 @@ class Observed:
 def main(words: Sequence[str] | None = None) -> int:
     """Print the table; 2 if the settings or the data cannot be used."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--dataset", default="room", help="path of a data set, or the name of an embedded one")
+    parser.add_argument("--dataset", default="hall", help="path of a data set, or the name of an embedded one")
     parser.add_argument("--every", type=int, default=1, metavar="N", help="use every N-th image")
     parser.add_argument(
         "--references",

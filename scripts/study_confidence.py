@@ -44,7 +44,7 @@ Judgement = tuple[float, bool, bool]
 def main(words: Sequence[str] | None = None) -> int:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--dataset", default="room", help="path of a data set, or the name of an embedded one")
+    parser.add_argument("--dataset", default="hall", help="path of a data set, or the name of an embedded one")
     parser.add_argument("--foreign", help="a data set whose images fit nowhere in the first one's map")
     parser.add_argument("--conditions", nargs="+", default=list(CONDITIONS), metavar="NAME", help="corruptions, or clean")
     parser.add_argument("--every", type=int, default=1, metavar="N", help="use every N-th image")

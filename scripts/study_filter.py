@@ -147,7 +147,7 @@ class Job:
 def main(words: Sequence[str] | None = None) -> int:
     """Print the tables; 2 if the settings or the data cannot be used."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--dataset", default="room", help="path of a data set, or the name of an embedded one")
+    parser.add_argument("--dataset", default="hall", help="path of a data set, or the name of an embedded one")
     parser.add_argument("--foreign", metavar="DATASET", help="where the images of the condition foreign come from; same camera")
     parser.add_argument("--seeds", type=int, default=20, metavar="N", help="runs over every sequence, seeds 0 to N - 1")
     parser.add_argument(

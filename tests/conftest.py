@@ -1,10 +1,11 @@
+import shutil
 from pathlib import Path
 
 import pytest
+from oracles.furnished_room import build_room
 
 from panoloc_mcl.camera import PanoramaGeometry
 from panoloc_mcl.datasets import Dataset, read_dataset
-from panoloc_mcl.datasets.room import build_room
 
 
 @pytest.fixture(scope="session")
@@ -14,3 +15,17 @@ def small_room(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     path: Path = tmp_path_factory.mktemp("small_room") / "data"
     build_room(path, frames=12, geometry=PanoramaGeometry(90, 36, -50.0, 25.0), grid=grid, lights=("noon",))
     return read_dataset(path)
+
+
+@pytest.fixture(scope="session")
+def _room(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A smaller rendering of it: three references, one drive of three frames. Not to be changed."""
+    path = tmp_path_factory.mktemp("room") / "data"
+    places = ((0.0, 0.0), (1.0, 0.0), (3.0, 2.0))
+    return build_room(path, frames=3, geometry=PanoramaGeometry(72, 30, -50.0, 25.0), grid=places, lights=("noon",))
+
+
+@pytest.fixture
+def room(_room: Path, tmp_path: Path) -> Path:
+    """A copy of the smaller room that a test may damage."""
+    return Path(shutil.copytree(_room, tmp_path / "room"))

@@ -10,7 +10,7 @@ from panoloc_mcl.cli.command import Command, add_json_option, add_set_option, ov
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """DATASET, ``-o``, ``--set``, ``--json``."""
-    parser.add_argument("dataset", metavar="DATASET", help="folder of a data set, or the name of an embedded one (room)")
+    parser.add_argument("dataset", metavar="DATASET", help="folder of a data set, or the name of an embedded one (hall)")
     parser.add_argument("-o", "--output", metavar="FILE", required=True, help="the map file, such as hall.panomap")
     add_set_option(parser)
     add_json_option(parser)
@@ -26,7 +26,7 @@ def execute(args: argparse.Namespace) -> int:
     named = [Override("dataset", args.dataset, args.dataset)]
     config = config_from_mapping({}, "build-map", overrides_of(args, named))
     with monitor() as watching:
-        folder = resolve_dataset(config.dataset, lambda done, total: watching.progress(done, total, "rendering"))
+        folder = resolve_dataset(config.dataset)
         built = PanoramaMap.build(read_dataset(folder), config.observation, config.seed, watching.progress)
         for note in built.notes:
             watching.notice(f"map: {note}")

@@ -70,18 +70,9 @@ def _simulation_faults(path: Path, overrides: list[str | Override]) -> list[str]
     return []
 
 
-def _is_embedded(name: str) -> bool:
-    from panoloc_mcl.datasets import EMBEDDED
-
-    return name in EMBEDDED and not (Path(name) / "dataset.yaml").is_file()
-
-
 def _dataset_faults(name: str) -> list[str]:
     from panoloc_mcl.datasets import check_dataset, resolve_dataset
 
-    # An embedded data set is good, and not rendered only to see that.
-    if _is_embedded(name):
-        return []
     try:
         return check_dataset(resolve_dataset(name))
     except PanolocError as error:
@@ -100,8 +91,6 @@ def _faults_together(config: RunConfig) -> list[str]:
         panorama_map = PanoramaMap.load(config.map) if config.map is not None else None
     except PanolocError as error:
         faults.update(dict.fromkeys(error.faults))
-    if _is_embedded(config.dataset):
-        return list(faults)
     try:
         tasks = make_tasks(read_dataset(resolve_dataset(config.dataset)), config)
     except PanolocError as error:

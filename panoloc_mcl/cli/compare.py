@@ -31,7 +31,7 @@ def execute(args: argparse.Namespace) -> int:
     from panoloc_mcl.comparison.study import compare, plan_of_sources
 
     with monitor() as watching:
-        plan = plan_of_sources([Path(config) for config in args.configs], overrides_of(args), watching)
+        plan = plan_of_sources([Path(config) for config in args.configs], overrides_of(args))
         with open_engine(args.workers, args.scheduler) as engine:
             study = compare(plan, Path(args.out), engine, watching, plots=not args.no_plots)
     print(study.summary)

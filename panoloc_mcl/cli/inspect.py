@@ -86,7 +86,7 @@ def _dataset(name: str, watching: Any) -> tuple[Inspection, Any]:
     from panoloc_mcl.report.figures.inspection import draw_map_inspection
     from panoloc_mcl.report.inspection import eigenimages_of, inspect_dataset
 
-    dataset = read_dataset(resolve_dataset(name, lambda done, total: watching.progress(done, total, "rendering")))
+    dataset = read_dataset(resolve_dataset(name))
     references = read_references(dataset, watching.progress)
     eigen = eigenimages_of(references)
     found = inspect_dataset(dataset, references, eigen)

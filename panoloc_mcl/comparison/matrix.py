@@ -40,7 +40,7 @@ class Matrix(StrictModel):
     )
     description: str = Field("", description="What is asked; stands above the summary.")
     base: Settings = Field(default_factory=dict, description="Keys of a run configuration that all cells share.")
-    datasets: Names = Field(["room"], description="Paths of data sets, or names of embedded ones.")
+    datasets: Names = Field(["hall"], description="Paths of data sets, or names of embedded ones.")
     lights: Literal["all"] | Names = Field(
         "all",
         description="Groups of sequences (names up to the last underscore) or globs of them; each is a condition of its own.",

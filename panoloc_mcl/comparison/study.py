@@ -187,14 +187,14 @@ def plan_of_matrix(matrix: Matrix, source: str = "matrix") -> Plan:
         Data sets that cannot be read, lights that they have not.
     """
     forget_data()
-    datasets = _read(matrix.datasets, SilentMonitor())
+    datasets = _read(matrix.datasets)
     cells = expand(matrix, datasets, source)
     return Plan(
         matrix.name, matrix.description, tuple(cells), _as_cells_name_them(cells, datasets), (), matrix.baseline, (matrix,)
     )
 
 
-def plan_of_sources(sources: Sequence[Path], overrides: Sequence[str | Override] = (), monitor: Monitor | None = None) -> Plan:
+def plan_of_sources(sources: Sequence[Path], overrides: Sequence[str | Override] = ()) -> Plan:
     """What is to be compared: matrices, run configurations and results folders, in any mixture.
 
     Parameters
@@ -202,14 +202,12 @@ def plan_of_sources(sources: Sequence[Path], overrides: Sequence[str | Override]
     sources : sequence of Path
     overrides : sequence of str or Override
         ``KEY=VALUE`` for every YAML file: keys of the matrix, or of the run configuration.
-    monitor : Monitor, optional
 
     Raises
     ------
     PanolocError
         Anything that can be found out before the first cell runs.
     """
-    monitor = monitor or SilentMonitor()
     forget_data()
     labels = _labels(sources)
     cells: list[Cell] = []
@@ -225,14 +223,14 @@ def plan_of_sources(sources: Sequence[Path], overrides: Sequence[str | Override]
             for override in parsed:
                 apply(data, override)
             matrix = matrix_from_mapping(data, str(source))
-            read = _read(matrix.datasets, monitor)
+            read = _read(matrix.datasets)
             more = expand(matrix, read, str(source))
             matrices.append(matrix)
             cells += more
             datasets |= _as_cells_name_them(more, read)
         else:
             config = load_config(source, parsed)
-            read = _read([config.dataset], monitor)
+            read = _read([config.dataset])
             more = cells_of_run(config, labels[source], read[config.dataset])
             cells += more
             datasets |= _as_cells_name_them(more, read)
@@ -284,11 +282,8 @@ def _labels(sources: Sequence[Path]) -> dict[Path, str]:
     return {source: name.lstrip("._-") or "results" for source, name in safe.items()}
 
 
-def _read(names: Sequence[str], monitor: Monitor) -> dict[str, Dataset]:
-    return {
-        name: read_dataset(resolve_dataset(name, lambda done, total: monitor.progress(done, total, "rendering")))
-        for name in names
-    }
+def _read(names: Sequence[str]) -> dict[str, Dataset]:
+    return {name: read_dataset(resolve_dataset(name)) for name in names}
 
 
 def _as_cells_name_them(cells: Sequence[Cell], read: Mapping[str, Dataset]) -> dict[str, Dataset]:

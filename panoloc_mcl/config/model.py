@@ -230,7 +230,7 @@ class RunConfig(StrictModel):
     name: str = Field(
         "run", min_length=1, max_length=80, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", description="Folder name under `out`."
     )
-    dataset: str = Field("room", min_length=1, description="Path of a data set, or the name of an embedded one (`room`).")
+    dataset: str = Field("hall", min_length=1, description="Path of a data set, or the name of an embedded one (`hall`).")
     sequences: Literal["all"] | list[str] = Field("all", description="`all`, or a list of names or globs such as `noon_*`.")
     map: Path | None = Field(
         None, description="A map file made by `panoloc build-map`; null = build from the references, cached."

@@ -2,7 +2,7 @@
 
 from panoloc_mcl.datasets.check import check_dataset, same_poses
 from panoloc_mcl.datasets.dataset import Dataset, References, Sequence
-from panoloc_mcl.datasets.embedded import EMBEDDED, Embedded, embedded_dataset, resolve_dataset
+from panoloc_mcl.datasets.embedded import EMBEDDED, resolve_dataset
 from panoloc_mcl.datasets.images import image_size, read_image, write_image
 from panoloc_mcl.datasets.reader import read_dataset
 from panoloc_mcl.datasets.trajectory import Trajectory, read_tum, write_tum
@@ -12,13 +12,11 @@ __all__ = [
     "EMBEDDED",
     "Dataset",
     "DatasetWriter",
-    "Embedded",
     "References",
     "Sequence",
     "Trajectory",
     "check_dataset",
     "copy_dataset",
-    "embedded_dataset",
     "image_size",
     "read_dataset",
     "read_image",

@@ -5,12 +5,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from oracles.furnished_room import build_room
 
+from panoloc_mcl.camera import PanoramaGeometry
 from panoloc_mcl.cli.main import main
-from panoloc_mcl.datasets import embedded_dataset
 from panoloc_mcl.files import CACHE_VARIABLE
 
 CONFIGS = Path(__file__).parents[2] / "configs"
+# Of the small room: a map of it takes a few seconds.
+SIZE = PanoramaGeometry(120, 48, -50.0, 25.0)
 
 
 @dataclass(frozen=True)
@@ -33,12 +36,8 @@ class Done:
 
 @pytest.fixture(scope="session")
 def cache(tmp_path_factory):
-    """A cache of the tests' own, with the embedded data set rendered once."""
-    path = tmp_path_factory.mktemp("cache")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(CACHE_VARIABLE, str(path))
-        embedded_dataset("room")
-    return path
+    """A cache of the tests' own, in which a map is built once for all of them."""
+    return tmp_path_factory.mktemp("cache")
 
 
 @pytest.fixture(autouse=True)
@@ -90,20 +89,28 @@ def full_run(panoloc_process, tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def _small_room(cache, tmp_path_factory):
-    """The room with one drive of eight frames."""
-    path = tmp_path_factory.mktemp("small") / "room"
-    source = next(cache.glob("room-*"))
-    shutil.copytree(source, path, ignore=shutil.ignore_patterns("afternoon_*", "evening_*"))
-    frames = path / "sequences" / "noon_00" / "frames.csv"
-    frames.write_text("".join(frames.read_text().splitlines(keepends=True)[:9]))
-    return path
+def _small_room(tmp_path_factory):
+    """The room in small panoramas: twenty references, enough for the paper's eigenimages, and one drive of eight frames."""
+    return build_room(tmp_path_factory.mktemp("small") / "room", frames=8, geometry=SIZE, lights=("noon",))
 
 
 @pytest.fixture
 def small_room(_small_room, tmp_path):
     """A copy of it that a test may damage."""
     return Path(shutil.copytree(_small_room, tmp_path / "room"))
+
+
+@pytest.fixture(scope="session")
+def built(_small_room, panoloc_process, tmp_path_factory):
+    """``build-map`` over the small room; its map is not to be changed."""
+    work = tmp_path_factory.mktemp("built")
+    return panoloc_process("build-map", _small_room, "-o", work / "room.panomap", cwd=work)
+
+
+@pytest.fixture
+def room_map(built, tmp_path):
+    """A copy of the small room's map that a test may damage."""
+    return Path(shutil.copy(built.folder, tmp_path / "room.panomap"))
 
 
 @pytest.fixture

@@ -63,7 +63,7 @@ class TestDataSets:
 
     def test_image_of_another_size(self, run_small, drive, tmp_path):
         cv2.imwrite(str(frame(drive, 3)), np.full((40, 90), 99, dtype=np.uint8))
-        refused(run_small(), tmp_path, frame(drive, 3).name, "90 x 40 pixels", "360 x 145")
+        refused(run_small(), tmp_path, frame(drive, 3).name, "90 x 40 pixels", "120 x 48")
 
     def test_row_with_nan(self, run_small, small_room, tmp_path):
         poses = small_room / "references" / "poses.csv"
@@ -96,7 +96,7 @@ class TestDataSets:
         assert "did you mean 'name'?" in done.err
 
     def test_neither_a_folder_nor_a_name(self, run_small, tmp_path):
-        refused(run_small("--set", "dataset=rom"), tmp_path, "dataset = 'rom'", "did you mean 'room'?")
+        refused(run_small("--set", "dataset=hal"), tmp_path, "dataset = 'hal'", "did you mean 'hall'?")
 
     def test_sequence_that_is_not_there(self, run_small, tmp_path):
         refused(run_small("--set", "sequences=[noon_01]"), tmp_path, "'noon_01' fits none", "did you mean 'noon_00'?")
@@ -132,11 +132,6 @@ class TestConfigurations:
 
 
 class TestMaps:
-    @pytest.fixture
-    def room_map(self, panoloc, small_room, tmp_path):
-        panoloc("build-map", small_room, "-o", tmp_path / "room.panomap")
-        return tmp_path / "room.panomap"
-
     @pytest.mark.parametrize(
         ("key", "value", "what"),
         [
@@ -224,11 +219,11 @@ class TestSurvived:
 
     @pytest.mark.parametrize("level", [0, 255])
     def test_black_and_saturated_frames(self, run_small, drive, level):
-        cv2.imwrite(str(frame(drive, 4)), np.full((145, 360), level, dtype=np.uint8))
+        cv2.imwrite(str(frame(drive, 4)), np.full((48, 120), level, dtype=np.uint8))
         self.survived(run_small(), 4)
 
     def test_black_frame_at_the_very_start_with_the_kalman_filter(self, run_small, drive):
-        cv2.imwrite(str(frame(drive, 0)), np.zeros((145, 360), dtype=np.uint8))
+        cv2.imwrite(str(frame(drive, 0)), np.zeros((48, 120), dtype=np.uint8))
         self.survived(run_small(config="kalman"), 0)
 
     def test_no_odometry(self, run_small, drive):

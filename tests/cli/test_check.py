@@ -52,13 +52,13 @@ def test_what_configuration_and_data_set_ask_of_each_other(panoloc, small_room, 
     assert "noon_00 has no ground truth" in done.err
 
 
-def test_an_embedded_data_set_is_not_rendered_for_it(panoloc, tmp_path, monkeypatch):
+def test_nothing_is_kept_of_it(panoloc, tmp_path, monkeypatch):
     monkeypatch.setenv("PANOLOC_CACHE_DIR", str(tmp_path / "cache"))
     assert panoloc("check", CONFIGS / "global.yaml").code == 0
     assert not (tmp_path / "cache").exists()
 
 
-@pytest.mark.parametrize("words", [("--set", "dataset=rom"), ("--set", "dataset=/none/at/all")])
+@pytest.mark.parametrize("words", [("--set", "dataset=hal"), ("--set", "dataset=room"), ("--set", "dataset=/none/at/all")])
 def test_data_sets_that_are_not_there(panoloc, words):
     done = panoloc("check", CONFIGS / "global.yaml", *words)
     assert done.code == 2

@@ -47,7 +47,7 @@ def test_version(panoloc, words):
         (["run", "a", "--sed", "1"], "panoloc run: cannot understand '--sed'; did you mean '--seed'?"),
         (["run", "a", "b"], "panoloc run: cannot understand 'b'; see panoloc run --help"),
         (["run", "a", "--seed", "x"], "panoloc run: argument --seed: invalid int value: 'x'; see panoloc run --help"),
-        (["build-map", "room"], "panoloc build-map: the following arguments are required: -o/--output; see panoloc build-map"),
+        (["build-map", "hall"], "panoloc build-map: the following arguments are required: -o/--output; see panoloc build-map"),
     ],
 )
 def test_what_cannot_be_understood_is_one_line(panoloc, words, line):

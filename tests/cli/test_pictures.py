@@ -123,18 +123,19 @@ def test_evaluate_in_json(full_run, panoloc):
 
 
 @needs_matplotlib
-def test_inspect_tells_of_data_map_and_results(small_room, panoloc, tmp_path, full_run):
+def test_inspect_tells_of_data_map_and_results(small_room, room_map, panoloc, full_run):
     done = panoloc("inspect", small_room, "-o", "data.png")
     assert done.code == 0, done.err
     assert "20, 1.00 m apart" in done.out
     assert "noon_00" in done.out
-    built = panoloc("build-map", small_room, "-o", "room.panomap", "--json")
+    no_virtual = ("--set", "observation.votes.virtual_places.enabled=false")
+    built = panoloc("build-map", small_room, "-o", "other.panomap", "--json", *no_virtual)
     assert json.loads(built.out)["references"] == 20
-    done = panoloc("inspect", "room.panomap", "-o", "map.png")
+    done = panoloc("inspect", room_map, "-o", "map.png")
     assert done.code == 0, done.err
     for what in ("places voted for", "variance kept", "confused"):
         assert what in done.out
-    answer = json.loads(panoloc("inspect", "room.panomap", "--json").out)
+    answer = json.loads(panoloc("inspect", room_map, "--json").out)
     assert answer["references"] == 20
     assert 0.0 < answer["variance_kept"] <= 1.0
     assert answer["grey_variance_kept"][-1] == pytest.approx(1.0)

@@ -14,7 +14,7 @@ from panoloc_mcl.config import config_to_yaml
 from panoloc_mcl.datasets import read_tum
 
 CONFIGS = Path(__file__).parents[2] / "configs"
-SEQUENCES = ("afternoon_00", "evening_00", "noon_00")
+SEQUENCES = ("afternoon_00", "evening_00", "noon_00", "people_00")
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,7 @@ def test_it_succeeds_and_the_path_comes_last(full_run):
     assert (full_run.folder.parent / "latest").resolve() == full_run.folder.resolve()
     assert "Figures by group" in full_run.out
     assert "Beside Table 2" not in full_run.out
-    assert full_run.err.splitlines()[-1] == "images: 60/60"
+    assert full_run.err.splitlines()[-1] == "images: 80/80"
     assert "\x1b" not in full_run.out + full_run.err
 
 
@@ -47,10 +47,10 @@ def test_the_folder_holds_what_it_promises(full_run):
 
 
 def test_the_robot_finds_itself(metrics):
-    assert set(metrics["groups"]) == {"noon", "afternoon", "evening"}
+    assert set(metrics["groups"]) == {"noon", "afternoon", "evening", "people"}
     overall = metrics["overall"]
-    assert overall["frames"] == 60
-    assert overall["global_success"]["rate"] == 1.0
+    assert overall["frames"] == 80
+    assert all(group["global_success"]["rate"] == 1.0 for group in (overall, *metrics["groups"].values()))
     assert overall["tracks_lost"] == 0
     assert overall["position_median_m"] < 0.3
     assert overall["heading_median_deg"] < 3.0
@@ -110,11 +110,10 @@ def test_options_beat_set_and_set_beats_the_file(run_small):
     assert done.folder.parent.name == "mine"
 
 
-def test_a_built_map_gives_the_same_as_the_references(run_small, panoloc, small_room, tmp_path):
-    built = panoloc("build-map", small_room, "-o", tmp_path / "room.panomap")
+def test_a_built_map_gives_the_same_as_the_references(run_small, built):
     assert built.code == 0
-    assert built.lines == ["room: 20 places, panoramas of 360 x 145 pixels, model votes", str(tmp_path / "room.panomap")]
-    one, other = run_small(), run_small("--set", f"map={tmp_path / 'room.panomap'}")
+    assert built.lines == ["room: 20 places, panoramas of 120 x 48 pixels, model votes", str(built.folder)]
+    one, other = run_small(), run_small("--set", f"map={built.folder}")
     trajectories = [(done.folder / "noon_00" / "run_0" / "trajectory.tum").read_bytes() for done in (one, other)]
     assert trajectories[0] == trajectories[1]
 

@@ -65,7 +65,7 @@ def test_all_promised_configurations_are_there():
 
 
 def test_the_data_set_of_a_faulty_configuration_is_still_found(write):
-    assert dataset_in(write("datset: a\n")) == "room"
+    assert dataset_in(write("datset: a\n")) == "hall"
     assert dataset_in(write("dataset: a\nruns: 0\n")) == "a"
     assert dataset_in(write("dataset: a\n"), ["dataset=b"]) == "b"
     assert dataset_in(write("dataset: [a]\n")) is None

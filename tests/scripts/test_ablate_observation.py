@@ -2,9 +2,9 @@ import csv
 import re
 
 import pytest
+from oracles.furnished_room import build_room
 
 from panoloc_mcl.camera import PanoramaGeometry
-from panoloc_mcl.datasets.room import build_room
 from panoloc_mcl.observation import MODELS
 
 

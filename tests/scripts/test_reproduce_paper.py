@@ -3,9 +3,9 @@ import sys
 
 import numpy as np
 import pytest
+from oracles.furnished_room import build_room
 
 from panoloc_mcl.camera import PanoramaGeometry
-from panoloc_mcl.datasets.room import build_room
 
 from .conftest import SCRIPTS
 

@@ -11,16 +11,16 @@ def study(load_script):
 
 
 @pytest.mark.slow
-def test_the_table_holds_every_condition_and_all_of_them_together(study, capsys: pytest.CaptureFixture[str]) -> None:
-    assert study.main(["--dataset", "room", "--conditions", "clean", "bars:0.5", "--every", "24"]) == 0
+def test_the_table_holds_every_condition_and_all_of_them_together(study, own_cache, capsys: pytest.CaptureFixture[str]) -> None:
+    assert study.main(["--dataset", "hall", "--conditions", "clean", "bars:0.5", "--every", "24"]) == 0
     printed = capsys.readouterr().out
     assert re.search(r"calibrated on \d+ images of held-out references", printed)
     rows = [line.split("|")[1].strip() for line in printed.splitlines() if line.startswith("|")]
     assert rows[2:] == ["clean", "bars:0.5", "all but foreign"]
 
 
-def test_a_map_that_learns_nothing_says_which_setting(study, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["--dataset", "room", "--set", "observation.votes.calibration_references=0"]
+def test_a_map_that_learns_nothing_says_which_setting(study, small_room, own_cache, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["--dataset", str(small_room.path), "--set", "observation.votes.calibration_references=0"]
     assert study.main(words) == 2
     assert "observation.votes.calibration_references" in capsys.readouterr().err
 

@@ -2,11 +2,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from oracles.furnished_room import LIGHTS, RoomRenderer, build_room, furnished_room, noisy_odometry, wander
+from oracles.furnished_room.build import GRID
 
 from panoloc_mcl.camera import PanoramaGeometry
 from panoloc_mcl.datasets import Trajectory, check_dataset, read_dataset, read_image
-from panoloc_mcl.datasets.room import LIGHTS, RoomRenderer, build_room, furnished_room, noisy_odometry, wander
-from panoloc_mcl.datasets.room.build import GRID
 from panoloc_mcl.errors import DatasetError
 from panoloc_mcl.geometry import between
 

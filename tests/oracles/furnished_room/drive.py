@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from oracles.furnished_room.scene import Room
 
-from panoloc_mcl.datasets.room.scene import Room
 from panoloc_mcl.datasets.trajectory import Trajectory
 from panoloc_mcl.geometry import between, compose, wrap_angle
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from oracles.furnished_room.light import FloatImage, Light, bake
+from oracles.furnished_room.scene import Box, Room, face_size
 
 from panoloc_mcl.camera.panorama import PanoramaGeometry
-from panoloc_mcl.datasets.room.light import FloatImage, Light, bake
-from panoloc_mcl.datasets.room.scene import Box, Room, face_size
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from oracles.furnished_room.drive import noisy_odometry, wander
+from oracles.furnished_room.light import LIGHTS
+from oracles.furnished_room.render import RoomRenderer
+from oracles.furnished_room.scene import furnished_room
 
 from panoloc_mcl.camera.panorama import PanoramaGeometry
 from panoloc_mcl.camera.spec import PanoramaCamera
-from panoloc_mcl.datasets.room.drive import noisy_odometry, wander
-from panoloc_mcl.datasets.room.light import LIGHTS
-from panoloc_mcl.datasets.room.render import RoomRenderer
-from panoloc_mcl.datasets.room.scene import furnished_room
 from panoloc_mcl.datasets.trajectory import Trajectory
 from panoloc_mcl.datasets.writer import DatasetWriter
 from panoloc_mcl.errors import DatasetError

@@ -10,8 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-
-from panoloc_mcl.datasets.room import textures as tx
+from oracles.furnished_room import textures as tx
 
 FloatArray = NDArray[np.float64]
 

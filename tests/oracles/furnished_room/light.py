@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-
-from panoloc_mcl.datasets.room.scene import Box, Pane, Room, face_size
-from panoloc_mcl.datasets.room.textures import TEXELS_PER_M
+from oracles.furnished_room.scene import Box, Pane, Room, face_size
+from oracles.furnished_room.textures import TEXELS_PER_M
 
 FloatArray = NDArray[np.float64]
 FloatImage = NDArray[np.float32]
