@@ -275,13 +275,15 @@ def metered(dataset: Dataset, lights: Sequence[str], name: str, samples: int) ->
     PanolocError
         No such scene, a light that it has not, or the renderer is not installed.
     """
+    from panoloc_mcl.simulation.backend import backend
     from panoloc_mcl.simulation.building import build
-    from panoloc_mcl.simulation.renderer import backend
     from panoloc_mcl.simulation.scene import load_scene
     from panoloc_mcl.simulation.world import illuminance
 
     scene, folder = load_scene(name)
     building, used = build(scene, folder), backend()
+    if used.remark:
+        print(f"note: {used.remark}", file=sys.stderr)
     positions = dataset.references.poses[:, :2]
     points = np.column_stack([positions, np.full(len(positions), _METER_HEIGHT_M)])
     return {light: illuminance(building, light, points, used, samples)[0] for light in lights if light in scene.lights}

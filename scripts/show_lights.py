@@ -17,9 +17,10 @@ import numpy as np
 
 from panoloc_mcl.camera import PanoramaGeometry, Unwrapper
 from panoloc_mcl.camera.spec import OmniCamera, PanoramaCamera, PanoramaTarget, UnifiedProfile
+from panoloc_mcl.simulation.backend import backend
 from panoloc_mcl.simulation.building import build
 from panoloc_mcl.simulation.optics import expose, ray_table
-from panoloc_mcl.simulation.renderer import RayCaster, backend
+from panoloc_mcl.simulation.renderer import RayCaster
 from panoloc_mcl.simulation.scene import load_scene
 from panoloc_mcl.simulation.settings import Rendering, Sensor
 from panoloc_mcl.simulation.world import World
@@ -46,6 +47,8 @@ def main(argv: list[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     scene, folder = load_scene(arguments.scene)
     building, used, sensor = build(scene, folder), backend(), Sensor()
+    if used.remark:
+        print(f"note: {used.remark}", file=sys.stderr)
     caster = RayCaster(building.patches, used)
     pose = np.array([arguments.at[0], arguments.at[1], math.radians(arguments.at[2])])
     views, raw = [], None

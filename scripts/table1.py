@@ -8,12 +8,13 @@ A lux meter that looks up is held at each reference location, as in the paper; d
 from __future__ import annotations
 
 import argparse
+import sys
 
 import numpy as np
 
+from panoloc_mcl.simulation.backend import backend
 from panoloc_mcl.simulation.building import build
 from panoloc_mcl.simulation.drive import FreeSpace, reference_poses
-from panoloc_mcl.simulation.renderer import backend
 from panoloc_mcl.simulation.scene import load_scene
 from panoloc_mcl.simulation.sun import elevation_deg
 from panoloc_mcl.simulation.world import illuminance
@@ -34,6 +35,9 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--height", type=float, default=0.02, help="of the meter above the floor, m")
     arguments = parser.parse_args(argv)
     scene, folder = load_scene(arguments.scene)
+    used = backend()
+    if used.remark:
+        print(f"note: {used.remark}", file=sys.stderr)
     building = build(scene, folder)
     places = reference_poses(FreeSpace(building, 0.7))
     points = np.column_stack([places[:, :2], np.full(len(places), arguments.height)])
@@ -42,7 +46,7 @@ def main(argv: list[str] | None = None) -> int:
     print("| light | sun above the horizon | outside | min | max | mean | std. dev. |")
     print("|---|---|---|---|---|---|---|")
     for light, paper in PAPER.items():
-        lux, outside = illuminance(building, light, points, backend(), arguments.samples)
+        lux, outside = illuminance(building, light, points, used, arguments.samples)
         found = (lux.min(), lux.max(), lux.mean(), lux.std(ddof=1))
         cells = [f"{a:.1f} / {b:g} ({100.0 * (a / b - 1.0):+.1f})" for a, b in zip(found, paper, strict=True)]
         height = elevation_deg(scene.site, scene.lights[light].time_h)

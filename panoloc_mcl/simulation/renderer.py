@@ -1,18 +1,15 @@
-"""Mitsuba 3: the one file that imports it. Carries light through a scene, and finds what rays hit."""
+"""What Mitsuba is for: carries light through a scene, and finds what rays hit."""
 
 from __future__ import annotations
 
-import importlib
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.errors import ConfigError
+from panoloc_mcl.simulation.backend import Backend, mesh, opaque
 from panoloc_mcl.simulation.patches import Patches
 from panoloc_mcl.simulation.scene import Light, Site
 from panoloc_mcl.simulation.sun import sun_direction
@@ -20,7 +17,6 @@ from panoloc_mcl.simulation.sun import sun_direction
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-VARIANTS = ("llvm_ad_rgb", "scalar_rgb")
 # Lumen a watt, and what Mitsuba divides by when it turns spectra into colours: luminance in cd/m2 of a colour's Y.
 _LUMEN = 683.0 * 106.856895
 _LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
@@ -28,59 +24,6 @@ _LIFT_M = 1e-3
 _DEPTH = 10
 _PASSES = 8
 _RAYS_AT_ONCE = 1_000_000
-
-
-@dataclass(frozen=True)
-class Backend:
-    """Mitsuba with one of its variants set.
-
-    Parameters
-    ----------
-    mi : module
-    variant : str
-        ``llvm_ad_rgb``, or ``scalar_rgb`` when no LLVM library is found.
-    """
-
-    mi: Any
-    variant: str
-
-    @property
-    def vectorised(self) -> bool:
-        """Whether it works on many rays at once."""
-        return self.variant.startswith("llvm")
-
-
-@cache
-def backend(variant: str | None = None) -> Backend:
-    """Mitsuba, with LLVM if there is one.
-
-    Parameters
-    ----------
-    variant : str, optional
-        One of ``VARIANTS``; or the environment variable ``PANOLOC_MITSUBA_VARIANT``.
-
-    Raises
-    ------
-    ConfigError
-        Mitsuba is not installed, or has no such variant.
-    """
-    try:
-        mi = importlib.import_module("mitsuba")
-    except ImportError as error:
-        raise ConfigError("simulate: needs Mitsuba 3; install the extra: pip install 'panoloc-mcl[simulate]'") from error
-    wanted = variant or os.environ.get("PANOLOC_MITSUBA_VARIANT")
-    if wanted is not None and wanted not in VARIANTS:
-        raise ConfigError(f"PANOLOC_MITSUBA_VARIANT = '{wanted}': must be one of {', '.join(VARIANTS)}")
-    for name in (wanted,) if wanted else VARIANTS:
-        try:
-            mi.set_variant(name)
-            if name.startswith("llvm"):
-                # An LLVM that is missing is noticed only now.
-                np.array(mi.Float(1.0) + 1.0)
-            return Backend(mi, name)
-        except Exception as error:  # DrJit raises RuntimeError or ImportError, by version
-            problem = error
-    raise ConfigError(f"simulate: Mitsuba cannot use {wanted or VARIANTS[-1]} ({problem}); check DRJIT_LIBLLVM_PATH")
 
 
 class RayCaster:
@@ -95,7 +38,7 @@ class RayCaster:
     def __init__(self, patches: Patches, used: Backend) -> None:
         self._used, self._patches = used, patches
         vertices, faces, self._owner = patches.triangles()
-        self._scene = used.mi.load_dict({"type": "scene", "all": _mesh(used.mi, "all", vertices, faces)})
+        self._scene = used.mi.load_dict({"type": "scene", "all": mesh(used.mi, "all", vertices, faces)})
 
     def cast(self, origin: FloatArray, directions: FloatArray) -> tuple[FloatArray, IntArray]:
         """Distance (m; infinite for none) and surface (-1 for none) of the first hit of every ray.
@@ -108,7 +51,7 @@ class RayCaster:
         mi = self._used.mi
         if self._used.vectorised:
             o = (
-                [mi.Float(float(value)) for value in origin]
+                [opaque(mi.Float, float(value)) for value in origin]
                 if origin.ndim == 1
                 else [mi.Float(np.ascontiguousarray(column, dtype=np.float32)) for column in origin.T]
             )
@@ -209,8 +152,8 @@ def _outdoors(daylight: Daylight, normals: FloatArray, ground: float, used: Back
         {
             "type": "scene",
             "sky": emitter,
-            "meters": _mesh(mi, "meters", vertices, faces, np.full(len(faces), 0.5)),
-            "ground": _mesh(mi, "ground", far, np.array([[0, 1, 2], [0, 2, 3]]), np.full(2, ground)),
+            "meters": mesh(mi, "meters", vertices, faces, np.full(len(faces), 0.5)),
+            "ground": mesh(mi, "ground", far, np.array([[0, 1, 2], [0, 2, 3]]), np.full(2, ground)),
         }
     )
     return _illuminance(scene, places, normals, np.full(len(normals), 0.5), 16384, 3, used)
@@ -250,10 +193,10 @@ class LightTransport:
         vertices, faces, owner = patches.triangles()
         parts: dict[str, Any] = {"type": "scene"}
         matt = patches.source[owner] < 0
-        parts["matt"] = _mesh(mi, "matt", vertices, faces[matt], patches.mean_albedo[owner[matt]])
+        parts["matt"] = mesh(mi, "matt", vertices, faces[matt], patches.mean_albedo[owner[matt]])
         for index, luminance in enumerate(sources.luminance):
             chosen = patches.source[owner] == index
-            parts[f"source_{index}"] = _mesh(
+            parts[f"source_{index}"] = mesh(
                 mi, f"source_{index}", vertices, faces[chosen], patches.mean_albedo[owner[chosen]], float(luminance)
             )
         emitter = daylight.emitter(sources.window_transmittance)
@@ -338,9 +281,7 @@ def _radiance(
                 mi.Point3f(*(mi.Float(np.repeat(column, samples).astype(np.float32)) for column in o.T)),
                 mi.Vector3f(*(mi.Float(np.repeat(column, samples).astype(np.float32)) for column in d.T)),
             )
-            # Opaque, or the seed would become part of the program, and every call would be compiled anew.
-            opaque = importlib.import_module("drjit").opaque(mi.UInt32, seed * 7919 + number)
-            sampler.seed(opaque, len(o) * samples)
+            sampler.seed(opaque(mi.UInt32, seed * 7919 + number), len(o) * samples)
             colour = np.array(integrator.sample(scene, sampler, ray)[0], dtype=np.float64)
             result[start : start + len(o)] = (_LUMINANCE @ colour).reshape(len(o), samples).mean(axis=1)
         else:
@@ -353,28 +294,3 @@ def _radiance(
                     total += _LUMINANCE[0] * r + _LUMINANCE[1] * g + _LUMINANCE[2] * b
                 result[start + index] = total / samples
     return result
-
-
-def _mesh(
-    mi: Any, name: str, vertices: NDArray[Any], faces: NDArray[Any], albedo: FloatArray | None = None, luminance: float = 0.0
-) -> Any:
-    used = np.unique(faces)
-    renumbered = np.searchsorted(used, faces)
-    properties = mi.Properties()
-    if albedo is not None:
-        properties["bsdf"] = mi.load_dict(
-            {
-                "type": "twosided",
-                "bsdf": {"type": "diffuse", "reflectance": {"type": "mesh_attribute", "name": "face_albedo"}},
-            }
-        )
-    if luminance > 0.0:
-        properties["emitter"] = mi.load_dict({"type": "area", "radiance": {"type": "rgb", "value": float(luminance)}})
-    mesh = mi.Mesh(name, len(used), len(faces), has_vertex_normals=False, has_vertex_texcoords=False, props=properties)
-    if albedo is not None:
-        mesh.add_attribute("face_albedo", 1, np.asarray(albedo, dtype=np.float32))
-    parameters = mi.traverse(mesh)
-    parameters["vertex_positions"] = np.ascontiguousarray(vertices[used], dtype=np.float32).ravel()
-    parameters["faces"] = np.ascontiguousarray(renumbered, dtype=np.uint32).ravel()
-    parameters.update()
-    return mesh

@@ -20,11 +20,12 @@ from panoloc_mcl.datasets.writer import DatasetWriter
 from panoloc_mcl.errors import ConfigError, DatasetError
 from panoloc_mcl.files import write_atomically
 from panoloc_mcl.progress import Progress
+from panoloc_mcl.simulation.backend import Backend, backend
 from panoloc_mcl.simulation.building import Building, build
 from panoloc_mcl.simulation.drive import FreeSpace, RoadMap, patrol, reference_poses, reported, turn, wander
 from panoloc_mcl.simulation.optics import RayTable, expose, ray_table
 from panoloc_mcl.simulation.people import Person, Walk
-from panoloc_mcl.simulation.renderer import Backend, RayCaster, backend
+from panoloc_mcl.simulation.renderer import RayCaster
 from panoloc_mcl.simulation.scene import Scene, load_scene
 from panoloc_mcl.simulation.settings import Drive, SequenceGroup, SimulationConfig
 from panoloc_mcl.simulation.sun import light_of
@@ -122,8 +123,8 @@ class Simulation:
         """
         self._claim(path)
         used = backend()
-        if not used.vectorised:
-            notice("no LLVM library found (DRJIT_LIBLLVM_PATH): rendering with scalar_rgb, the same pictures but slower")
+        if used.remark:
+            notice(used.remark)
         self._refuse_cameras_inside_things(used)
         config, done = self.config, 0
         ending = "png" if config.jpeg_quality is None else "jpg"

@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.files import cache_folder, read_arrays, write_arrays
+from panoloc_mcl.simulation.backend import Backend
 from panoloc_mcl.simulation.building import Building
 from panoloc_mcl.simulation.optics import RayTable, tilted
 from panoloc_mcl.simulation.patches import look_up
 from panoloc_mcl.simulation.people import Person, hit_people
-from panoloc_mcl.simulation.renderer import Backend, Daylight, LightTransport, RayCaster, Sources, sources_of
+from panoloc_mcl.simulation.renderer import Daylight, LightTransport, RayCaster, Sources, sources_of
 from panoloc_mcl.simulation.sun import light_of
 
 FloatArray = NDArray[np.float64]

@@ -13,10 +13,10 @@ from panoloc_mcl.camera import Unwrapper
 from panoloc_mcl.camera.spec import OmniCamera, PanoramaCamera, camera_from_mapping
 from panoloc_mcl.cli.main import main
 from panoloc_mcl.datasets import read_dataset
+from panoloc_mcl.simulation.backend import backend
 from panoloc_mcl.simulation.building import build
 from panoloc_mcl.simulation.optics import expose, ray_table
 from panoloc_mcl.simulation.people import Person
-from panoloc_mcl.simulation.renderer import backend
 from panoloc_mcl.simulation.scene import load_scene
 from panoloc_mcl.simulation.settings import Sensor, load_simulation
 from panoloc_mcl.simulation.simulate import MARK, Simulation
