@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.filters.estimate import Cluster
-from panoloc_mcl.geometry import angle_difference, wrap_angle
-from panoloc_mcl.kernels.particles import cell_moments, cells_of, link_cells
+from panoloc_mcl.kernels.particles import cell_moments, cells_of, link_cells, merge_cells
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -91,38 +90,9 @@ def find_clusters(poses: Float64, weights: Float64, most: int = 5) -> tuple[Clus
     moments = cell_moments(particles, weights, grid.keys, grid.table, centres, *grid.origin, grid.turns)
     heavy = moments[:, 0] >= _LINKING_SHARE * moments[:, 0].max()
     labels = link_cells(grid.occupied, heavy, grid.rows, grid.turns)
-    masses = np.bincount(labels, weights=moments[:, 0])
     headings = (turn + 0.5) * (2.0 * np.pi / grid.turns) - np.pi
     origins = np.column_stack([centres + grid.origin, headings])
-    clusters = []
+    masses, means, covariances = merge_cells(labels, int(labels.max()) + 1, origins, moments)
     # Equal masses: the one whose cells come first, so that the order never depends on the sorting algorithm.
-    for label in np.argsort(-masses, kind="stable")[:most]:
-        if masses[label] <= 0.0:
-            break
-        members = (labels == label) & (moments[:, 0] > 0.0)
-        clusters.append(_cluster(origins[members], moments[members], float(masses[label])))
-    return tuple(clusters)
-
-
-def _cluster(origins: Float64, moments: Float64, mass: float) -> Cluster:
-    """Mean and covariance of the particles of some cells from the cells' moments about their centres (see `cell_moments`)."""
-    shares = moments[:, 0] / moments[:, 0].sum()
-    offsets = moments[:, 1:4] / moments[:, :1]
-    means = origins + offsets
-    # Headings are averaged as turns from the heaviest cell's, so no seam is in the way.
-    middle = means[np.argmax(shares)]
-    mean = middle + shares @ _residuals(means, middle)
-    mean[2] = wrap_angle(mean[2])
-    xx, xy, yy, xt, yt, tt = (moments[:, 4:] / moments[:, :1]).T
-    within = np.array([[xx, xy, xt], [xy, yy, yt], [xt, yt, tt]]) @ shares - (offsets * shares[:, None]).T @ offsets
-    between = _residuals(means, mean)
-    covariance = within + (between * shares[:, None]).T @ between
-    # Rounding may leave a spread of nothing a hair below it.
-    np.fill_diagonal(covariance, np.maximum(np.diag(covariance), 0.0))
-    return Cluster(mean, covariance, mass)
-
-
-def _residuals(poses: Float64, pose: Float64) -> Float64:
-    residuals = poses - pose
-    residuals[:, 2] = angle_difference(poses[:, 2], pose[2])
-    return residuals
+    ranking = np.argsort(-masses, kind="stable")[:most]
+    return tuple(Cluster(means[label], covariances[label], float(masses[label])) for label in ranking if masses[label] > 0.0)

@@ -46,13 +46,14 @@ class Cluster:
 
     @property
     def spread_m(self) -> float:
-        """Standard deviation of the position, metres: root of the larger eigenvalue."""
-        return float(np.sqrt(max(np.linalg.eigvalsh(self.covariance[:2, :2])[-1], 0.0)))
+        """Standard deviation of the position along its longest axis, metres: root of the larger eigenvalue."""
+        (xx, xy), (_, yy) = self.covariance[:2, :2].tolist()
+        return math.sqrt(max(0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy), 0.0))
 
     @property
     def spread_deg(self) -> float:
         """Standard deviation of the heading, degrees."""
-        return float(np.degrees(np.sqrt(max(self.covariance[2, 2], 0.0))))
+        return math.degrees(math.sqrt(max(float(self.covariance[2, 2]), 0.0)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -79,7 +79,7 @@ class Likelihood:
         deepest = np.float32(votes.peak.votes - _DEEPEST * votes.tolerance / math.sqrt(sharpness))
         flat = votes.votes[:: max(1, len(votes.headings) // _HEADINGS)].ravel()
         likely = flat[np.flatnonzero(flat >= deepest)]
-        mean = float(np.exp(sharpness * votes.log_likelihood(likely)).sum()) / flat.size
+        mean = float(votes.likelihood(likely, sharpness).sum()) / flat.size
         floor, doubt = settings.floor, max(settings.measured_doubt, votes.doubt)
         # Blocks of particles may be read in several threads at once; what they share is worked out here.
         _ = votes.peak, votes.places.raster
@@ -92,12 +92,7 @@ class Likelihood:
 
     def by_votes(self, poses: Float64) -> Float64:
         """By the votes at poses (n, 3) at the image's time, relative to the best cell: 1 at most (but for interpolation)."""
-        values = self.votes.log_likelihood(self.votes.read(poses))
-        values *= self.sharpness
-        np.exp(values, out=values)
-        values *= 1.0 - self.floor
-        values += self.floor
-        return values
+        return self.votes.likelihood(self.votes.read(poses), self.sharpness, self.floor)
 
     def wrong(self, fit: Float64) -> Float64:
         """All of the likelihood but what the measured pose says, relative to its mean over the map, from `by_votes`."""

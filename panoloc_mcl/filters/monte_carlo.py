@@ -44,6 +44,7 @@ from panoloc_mcl.filters.resampling import SCHEMES, adaptive_count, effective_co
 from panoloc_mcl.geometry import wrap_angle
 from panoloc_mcl.kernels.particles import propagate
 from panoloc_mcl.kernels.resampling import taken
+from panoloc_mcl.kernels.weights import reweighted
 from panoloc_mcl.motion import Motion
 from panoloc_mcl.observation.field import VoteField
 from panoloc_mcl.observation.places import Places
@@ -90,6 +91,7 @@ class MonteCarloFilter:
         self._key, self._step = int(rng.integers(2**63)), 0
         self._blocks = Blocks(settings.threads)
         self.poses = self._drawn_from(start)
+        self.log_weights, self.weights = np.empty(0), np.empty(0)
         self._weigh_alike()
         self._nothing_known = start.position is None and start.heading is None
         self._has_converged = False
@@ -109,7 +111,11 @@ class MonteCarloFilter:
         return np.random.Generator(np.random.Philox(key=self._key, counter=[0, 0, 0, self._step]))
 
     def _weigh_alike(self) -> None:
-        self.log_weights, self.weights = np.zeros(len(self.poses)), np.full(len(self.poses), 1.0 / len(self.poses))
+        count = len(self.poses)
+        if len(self.weights) != count:
+            self.log_weights, self.weights = np.empty(count), np.empty(count)
+        self.log_weights.fill(0.0)
+        self.weights.fill(1.0 / count)
 
     def _drawn_from(self, start: Start) -> Float64:
         rng, count = self._next_step(), self.settings.particles
@@ -241,10 +247,7 @@ class MonteCarloFilter:
             if plan.from_pose:
                 values += (1.0 - image.doubt) * plan.predicted_part(*image.at_measured(self.poses[block], prior))
             explained[block.start // BLOCK] = self.weights[block] @ values
-            # Where the floor is zero, nothing may be left; a logarithm must stay finite.
-            np.log(values if image.floor > 0.0 else np.maximum(values, _TINY), out=values)
-            values -= shift
-            self.log_weights[block] += values
+            self.log_weights[block] = reweighted(self.log_weights[block], values, shift)
 
         self._blocks.each(weigh, len(fit))
         return (1.0 - plan.elsewhere) * float(sum(explained))

@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.config.localizer import AdaptiveSettings
+from panoloc_mcl.filters.blocks import BLOCK
 from panoloc_mcl.kernels import resampling as kernels
+from panoloc_mcl.kernels.weights import exponentials
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -38,8 +40,10 @@ def normalise(log_weights: Float64, weights: Float64) -> None:
         log_weights.fill(0.0)
         weights.fill(1.0 / len(weights))
         return
-    log_weights -= top
-    np.exp(log_weights, out=weights)
+    for start in range(0, len(weights), BLOCK):
+        block = slice(start, start + BLOCK)
+        log_weights[block] -= top
+        weights[block] = exponentials(log_weights[block])
     weights /= weights.sum()
 
 

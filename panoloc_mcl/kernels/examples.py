@@ -103,13 +103,16 @@ def _normal_equations() -> tuple[Any, ...]:
 
 #: By ``module.kernel``: the arguments of one call.
 EXAMPLES: dict[str, Callable[[], tuple[Any, ...]]] = {
+    "elementary.exponential": lambda: (0.5,),
     "elementary.logarithm": lambda: (0.5,),
     "elementary.sine_cosine": lambda: (0.5,),
+    "elementary.small_whole": lambda: (np.uint64(5),),
     "gradients.normalised_gradients": _normalised_gradients,
     "gradients.plain_gradients": lambda: _normalised_gradients()[:3],
     "particles.cell_moments": _cell_moments,
     "particles.cells_of": lambda: (_particles(), -1.0, -1.0, 0.4, 5, 24, 600),
     "particles.link_cells": lambda: (np.array([9, 10]), np.ones(2, dtype=np.bool_), 5, 3),
+    "particles.merge_cells": lambda: (np.zeros(2, dtype=np.int64), 1, np.zeros((2, 3)), np.ones((2, 10))),
     "particles.propagate": _propagate,
     "particles.read_field": _read_field,
     "random.normal_pair": lambda: (np.uint64(1), np.uint64(2)),
@@ -138,6 +141,9 @@ EXAMPLES: dict[str, Callable[[], tuple[Any, ...]]] = {
     "warping.move_profile": _move_profile,
     "warping.normal_equations": _normal_equations,
     "warping.warp_table": _warp_table,
+    "weights.exponentials": lambda: (np.zeros(4),),
+    "weights.likelihoods": lambda: (_numbers(), 1.0, 0.5, 1.0, 0.01),
+    "weights.reweighted": lambda: (np.zeros(4), np.ones(4), 0.0),
 }
 
 

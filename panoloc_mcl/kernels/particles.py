@@ -116,40 +116,44 @@ def read_field(
     per_radian, per_metre = n_headings / (2.0 * np.pi), 1.0 / cell
     out = np.zeros(particles.shape[1], dtype=np.float32)
     votes, places, shares = scores.ravel(), neighbours.ravel(), weights.ravel()
-    cells, rows, fractions = np.empty(_BLOCK, np.int64), np.empty(_BLOCK, np.int64), np.empty(_BLOCK, np.float32)
+    cells, rows, fractions = np.empty(_BLOCK, np.int32), np.empty(_BLOCK, np.int32), np.empty(_BLOCK, np.float32)
     for start in range(0, particles.shape[1], _BLOCK):
         count = min(_BLOCK, particles.shape[1] - start)
-        # Where to look: arithmetic alone, so for several particles at once.
+        # Where to look: arithmetic alone, so for several particles at once; of whole numbers, processors convert several only to 32
+        # bits.
         for i in range(count):
             column = np.floor((particles[0, start + i] - origin_x) * per_metre)
             row = np.floor((particles[1, start + i] - origin_y) * per_metre)
             inside = (column >= 0.0) & (row >= 0.0) & (column < cells_x) & (row < cells_y)
-            cells[i] = np.int64(row * cells_x + column) * around if inside else -1
+            cells[i] = np.int32(row * cells_x + column if inside else -1.0)
             position = particles[2, start + i] * per_radian
             lower = np.floor(position)
             fractions[i] = np.float32(position - lower)
-            rows[i] = np.int64(lower - n_headings * np.floor(lower / n_headings))
-        # Looking: memory alone.
+            rows[i] = np.int32(lower - n_headings * np.floor(lower / n_headings))
+        # Looking: memory alone. Unsigned indices, or each would be asked whether it counts from the end.
         for i in range(count):
             if cells[i] < 0:
                 continue
-            first = rows[i] * n_places
-            second = first + n_places if rows[i] + 1 < n_headings else 0
-            j = cells[i]
+            first = np.uint64(rows[i]) * np.uint64(n_places)
+            second = first + np.uint64(n_places) if rows[i] + 1 < n_headings else np.uint64(0)
+            j = np.uint64(cells[i]) * np.uint64(around)
             if around == 4:
                 # The usual case written out: the sums then run side by side.
-                p, q, r, t = places[j], places[j + 1], places[j + 2], places[j + 3]
-                before = (shares[j] * votes[first + p] + shares[j + 1] * votes[first + q]) + (
-                    shares[j + 2] * votes[first + r] + shares[j + 3] * votes[first + t]
+                j1, j2, j3 = j + np.uint64(1), j + np.uint64(2), j + np.uint64(3)
+                p, q = np.uint64(places[j]), np.uint64(places[j1])
+                r, t = np.uint64(places[j2]), np.uint64(places[j3])
+                before = (shares[j] * votes[first + p] + shares[j1] * votes[first + q]) + (
+                    shares[j2] * votes[first + r] + shares[j3] * votes[first + t]
                 )
-                after = (shares[j] * votes[second + p] + shares[j + 1] * votes[second + q]) + (
-                    shares[j + 2] * votes[second + r] + shares[j + 3] * votes[second + t]
+                after = (shares[j] * votes[second + p] + shares[j1] * votes[second + q]) + (
+                    shares[j2] * votes[second + r] + shares[j3] * votes[second + t]
                 )
             else:
                 before, after = np.float32(0.0), np.float32(0.0)
-                for k in range(j, j + around):
-                    before += shares[k] * votes[first + places[k]]
-                    after += shares[k] * votes[second + places[k]]
+                for k in range(around):
+                    one = j + np.uint64(k)
+                    before += shares[one] * votes[first + np.uint64(places[one])]
+                    after += shares[one] * votes[second + np.uint64(places[one])]
             out[start + i] = before + fractions[i] * (after - before)
     return out
 
@@ -244,6 +248,70 @@ def cell_moments(
         out[slot, 8] += w * y * t
         out[slot, 9] += w * t * t
     return out
+
+
+@kernel
+def merge_cells(labels: Int64, count: int, origins: Float64, moments: Float64) -> tuple[Float64, Float64, Float64]:
+    """Mass, mean and covariance of the particles in the cells of each label, from the cells' moments.
+
+    Parameters
+    ----------
+    labels : int64 (m,)
+        0 to count - 1.
+    count : int
+    origins : float64 (m, 3)
+        Centres of the cells: metres, radians.
+    moments : float64 (m, 10)
+        About the centres (see `cell_moments`).
+
+    Returns
+    -------
+    masses : float64 (count,)
+    means : float64 (count, 3)
+        Headings in [-pi, pi), averaged as turns from the heaviest cell's, so no seam is in the way. NaN where there is no mass.
+    covariances : float64 (count, 3, 3)
+    """
+    masses, heaviest = np.zeros(count), np.full(count, -1)
+    for one in range(labels.shape[0]):
+        label = labels[one]
+        masses[label] += moments[one, 0]
+        if heaviest[label] < 0 or moments[one, 0] > moments[heaviest[label], 0]:
+            heaviest[label] = one
+    # Where the mean of each cell lies from that of the heaviest one of its label.
+    residuals, means = np.zeros((labels.shape[0], 3)), np.zeros((count, 3))
+    for one in range(labels.shape[0]):
+        label, mass, middle = labels[one], moments[one, 0], heaviest[labels[one]]
+        if mass <= 0.0:
+            continue
+        for axis in range(3):
+            here = origins[one, axis] + moments[one, 1 + axis] / mass
+            there = origins[middle, axis] + moments[middle, 1 + axis] / moments[middle, 0]
+            residuals[one, axis] = here - there
+        residuals[one, 2] -= 2.0 * np.pi * np.floor((residuals[one, 2] + np.pi) / (2.0 * np.pi))
+        for axis in range(3):
+            means[label, axis] += mass / masses[label] * residuals[one, axis]
+    covariances = np.zeros((count, 3, 3))
+    for one in range(labels.shape[0]):
+        label, mass = labels[one], moments[one, 0]
+        if mass <= 0.0:
+            continue
+        # The moments after the mass and the means: xx, xy, yy, xt, yt, tt.
+        at = 4
+        for column in range(3):
+            for row in range(column + 1):
+                within = moments[one, at] / mass - moments[one, 1 + row] / mass * (moments[one, 1 + column] / mass)
+                between = (residuals[one, row] - means[label, row]) * (residuals[one, column] - means[label, column])
+                covariances[label, row, column] += mass / masses[label] * (within + between)
+                covariances[label, column, row] = covariances[label, row, column]
+                at += 1
+    for label in range(count):
+        for axis in range(3):
+            middle = heaviest[label]
+            means[label, axis] += origins[middle, axis] + moments[middle, 1 + axis] / moments[middle, 0]
+            # Rounding may leave a spread of nothing a hair below it.
+            covariances[label, axis, axis] = max(covariances[label, axis, axis], 0.0)
+        means[label, 2] -= 2.0 * np.pi * np.floor((means[label, 2] + np.pi) / (2.0 * np.pi))
+    return masses, means, covariances
 
 
 @kernel

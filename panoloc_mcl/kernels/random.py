@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.kernels.elementary import logarithm, sine_cosine
+from panoloc_mcl.kernels.elementary import logarithm, sine_cosine, small_whole
 from panoloc_mcl.kernels.jit import inlined, vector_kernel
 
 Float64 = NDArray[np.float64]
@@ -45,8 +45,8 @@ def philox(c0: Word, c1: Word, c2: Word, c3: Word, k0: Word, k1: Word) -> tuple[
 def normal_pair(one: Word, other: Word) -> tuple[float, float]:
     """Two standard normal numbers of two random 32-bit words (Box & Muller 1958); none is beyond 6.8."""
     # Half a step up, so that no logarithm is of zero.
-    radius = np.sqrt(-2.0 * logarithm((np.float64(np.int64(one)) + 0.5) * 2.0**-32))
-    s, c = sine_cosine(np.float64(np.int64(other)) * _TURN)
+    radius = np.sqrt(-2.0 * logarithm((small_whole(one) + 0.5) * 2.0**-32))
+    s, c = sine_cosine(small_whole(other) * _TURN)
     return radius * c, radius * s
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.geometry import angle_difference, wrap_angle
 from panoloc_mcl.kernels.particles import read_field
+from panoloc_mcl.kernels.weights import likelihoods
 from panoloc_mcl.measurement import PoseMeasurement
 from panoloc_mcl.observation.places import Places
 
@@ -107,15 +108,12 @@ class VoteField:
         rows = at_headings(self.votes[:, neighbours[0]], np.array([pose[2] % (2.0 * np.pi)]))
         return float(rows[0] @ weights[0])
 
-    def log_likelihood(self, votes: Float32) -> Float64:
-        """Log-likelihood of poses that were given so many votes, relative to the best cell: Gaussian in what they fall short of it."""
-        # In place: a filter asks this for every particle.
-        values = np.asarray(np.subtract(self.peak.votes, votes, dtype=np.float64))
-        values /= self.tolerance
-        np.maximum(values, 0.0, out=values)
-        np.square(values, out=values)
-        values *= -0.5
-        return values
+    def likelihood(self, votes: Float32, sharpness: float = 1.0, floor: float = 0.0) -> Float64:
+        """Likelihood of poses that were given so many votes (n,), relative to the best cell: Gaussian in what they fall short of it.
+
+        ``sharpness`` is a power that the Gaussian is taken to, ``floor`` what is left of it where votes are few. float64 (n,).
+        """
+        return likelihoods(votes, self.peak.votes, self.tolerance, sharpness, floor)
 
     @cached_property
     def peak(self) -> Peak:
@@ -223,7 +221,7 @@ class VoteField:
         flat = self.votes.ravel()
         # Cells five standard deviations below the best are hardly ever drawn; leaving them out saves the work of nearly all cells.
         likely = np.flatnonzero(flat >= self.peak.votes - 5.0 * self.tolerance)
-        cumulative = np.cumsum(np.exp(self.log_likelihood(flat[likely])))
+        cumulative = np.cumsum(self.likelihood(flat[likely]))
         drawn = np.minimum(np.searchsorted(cumulative, rng.random(count) * cumulative[-1], side="right"), len(cumulative) - 1)
         rows, places = np.divmod(likely[drawn], self.votes.shape[1])
         step = 2.0 * np.pi / len(self.headings)

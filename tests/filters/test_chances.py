@@ -153,7 +153,7 @@ def test_the_likelihood_has_mean_one_over_the_map() -> None:
     # Cells, as the field has them.
     field = hills(PLACES, HERE)
     image = Likelihood.of(field, None, 0.0, uniform_density(PLACES), MonteCarloSettings(floor=0.01))
-    flat = np.exp(field.log_likelihood(field.votes.ravel())) * 0.99 + 0.01
+    flat = field.likelihood(field.votes.ravel(), floor=0.01)
     assert image.wrong(flat).mean() == pytest.approx(1.0, rel=1e-3)
     # The measured pose, over positions and headings.
     measured = Likelihood.of(image_of(HERE, covariance=np.diag([0.2, 0.2, 0.2]) ** 2), None, 0.0, uniform_density(PLACES),

@@ -120,6 +120,23 @@ def test_cells_and_their_moments_agree_with_numpy(variant, turns: int) -> None:
     assert moments[:, 0].sum() == pytest.approx(weights.sum())
 
 
+@pytest.mark.parametrize(("cells", "labels"), [(1, 1), (9, 2), (40, 5)])
+def test_merged_cells_agree_with_numpy(variant, cells: int, labels: int) -> None:
+    rng = np.random.default_rng(cells)
+    which = np.concatenate([np.arange(labels), rng.integers(0, labels, cells - labels)])
+    # Around the seam, so that headings of one label lie on both sides of it.
+    origins = np.column_stack([rng.uniform(-5.0, 5.0, (cells, 2)), np.pi + rng.uniform(-1.0, 1.0, cells)])
+    origins[:, 2] = np.mod(origins[:, 2] + np.pi, 2.0 * np.pi) - np.pi
+    weights, offsets = rng.random((cells, 6)), rng.uniform(-0.2, 0.2, (cells, 6, 3))
+    x, y, t = np.moveaxis(offsets, -1, 0)
+    powers = np.stack([np.ones_like(x), x, y, t, x * x, x * y, y * y, x * t, y * t, t * t], axis=-1)
+    moments = np.sum(weights[..., None] * powers, axis=1)
+    merged = variant(particles.merge_cells)(which, labels, origins, moments)
+    for ours, expected in zip(merged, naive.merge_cells(which, labels, origins, moments), strict=True):
+        assert ours == pytest.approx(expected, abs=1e-12)
+    assert (np.linalg.eigvalsh(merged[2]) > -1e-12).all()
+
+
 @pytest.mark.parametrize(("cells", "turns"), [(1, 24), (30, 24), (120, 24), (300, 3)])
 def test_links_agree_with_flooding(variant, cells: int, turns: int) -> None:
     rng = np.random.default_rng(cells)

@@ -95,10 +95,12 @@ def test_headings_that_were_asked_for_are_not_interpolated() -> None:
 
 def test_the_likelihood_is_one_at_the_peak_and_falls_as_a_gaussian() -> None:
     field = a_field(np.random.default_rng(1).random((HEADINGS, len(PLACES))), tolerance=0.2)
-    assert field.log_likelihood(field.votes).max() == 0.0
+    assert field.likelihood(field.votes.ravel()).max() == 1.0
     best = field.peak.votes
-    relative = np.exp(field.log_likelihood(np.array([best, best - 0.2, best - 0.4, best + 0.1], dtype=np.float32)))
-    assert relative == pytest.approx([1.0, np.exp(-0.5), np.exp(-2.0), 1.0], rel=1e-5)
+    some = np.array([best, best - 0.2, best - 0.4, best + 0.1], dtype=np.float32)
+    assert field.likelihood(some) == pytest.approx([1.0, np.exp(-0.5), np.exp(-2.0), 1.0], rel=1e-5)
+    blunt = field.likelihood(some, sharpness=0.5, floor=0.1)
+    assert blunt == pytest.approx(0.1 + 0.9 * np.exp([0.0, -0.25, -1.0, 0.0]), rel=1e-5)
 
 
 def test_a_sample_stays_at_the_likely_cells() -> None:
@@ -136,7 +138,7 @@ def test_a_silent_field_says_why_and_nothing_else() -> None:
     assert not field.informative
     assert not field.votes.any()
     assert not field.read(np.zeros((3, 3))).any()
-    assert np.isfinite(field.log_likelihood(field.votes)).all()
+    assert (field.likelihood(field.votes.ravel()) == 1.0).all()
     assert field.peak.votes == field.peak.margin == 0.0
     assert np.isfinite(field.sample(5, np.random.default_rng(0))).all()
 

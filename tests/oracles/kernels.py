@@ -78,6 +78,26 @@ def cell_moments(particles, weights, slots, centres, origin_x, origin_y, turns):
     return out
 
 
+def merge_cells(labels, count, origins, moments):
+    """Each label's particles as their cells have them, in the heaviest cell's turn of the circle."""
+    masses, means, covariances = np.zeros(count), np.zeros((count, 3)), np.zeros((count, 3, 3))
+    for label in range(count):
+        inside = moments[labels == label]
+        cells = origins[labels == label] + inside[:, 1:4] / inside[:, :1]
+        middle = cells[np.argmax(inside[:, 0]), 2]
+        cells[:, 2] = middle + np.mod(cells[:, 2] - middle + np.pi, 2.0 * np.pi) - np.pi
+        masses[label] = inside[:, 0].sum()
+        shares = inside[:, 0] / masses[label]
+        means[label] = shares @ cells
+        for share, cell, row in zip(shares, cells, inside, strict=True):
+            xx, xy, yy, xt, yt, tt = row[4:] / row[0]
+            off = row[1:4] / row[0]
+            within = np.array([[xx, xy, xt], [xy, yy, yt], [xt, yt, tt]]) - np.outer(off, off)
+            covariances[label] += share * (within + np.outer(cell - means[label], cell - means[label]))
+    means[:, 2] = np.mod(means[:, 2] + np.pi, 2.0 * np.pi) - np.pi
+    return masses, means, covariances
+
+
 def link_cells(occupied, heavy, rows, turns):
     """Flooding from heavy cell to heavy cell; a light cell takes a label of one of the heavy ones around it, or its own."""
     place, turn = np.divmod(occupied, turns)
