@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import tempfile
 import zipfile
 from collections.abc import Mapping
@@ -58,6 +59,23 @@ def write_atomically(path: Path, content: bytes | str) -> None:
         if temporary is not None:
             Path(temporary).unlink(missing_ok=True)
         raise OutputError(f"{path}: cannot be written ({error.strerror}); check permissions and free space") from error
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Remove what `write_atomically` left in a folder, and in those below it, when its process was killed.
+
+    Raises
+    ------
+    OutputError
+        A file cannot be removed.
+    """
+    for path in list(folder.rglob(".*")):
+        # As mkstemp names them.
+        if re.fullmatch(r"\..+\.[a-z0-9_]{8}", path.name) and path.is_file():
+            try:
+                path.unlink()
+            except OSError as error:
+                raise OutputError(f"{path}: cannot be removed ({error.strerror}); check permissions") from error
 
 
 def write_arrays(path: Path, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:

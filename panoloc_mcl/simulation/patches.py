@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,6 +14,8 @@ from panoloc_mcl.simulation.textures import Texture
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+_AROUND_CELLS = 2.0
 
 
 @dataclass
@@ -141,15 +145,37 @@ class Patches:
 
     def smoothed(self, values: FloatArray) -> FloatArray:
         """Values of all cells (cells,), smoothed within each light map: for light that varies slowly, but is known roughly."""
-        result = values.copy()
+
+        def smooth(picture: FloatArray) -> NDArray[Any]:
+            single = picture.astype(np.float32)
+            return _blurred(cv2.medianBlur(single, 3) if min(single.shape) >= 3 else single, 1.5)
+
+        return self._map_by_map(smooth, values)
+
+    def denoised(self, values: FloatArray, variance: FloatArray) -> FloatArray:
+        """Values of all cells (cells,), each drawn towards the mean around it by as much as their differences are noise.
+
+        Lee's filter (1980): what varies more than its noise explains, edges of shadows among it, stays as it is.
+
+        Parameters
+        ----------
+        values, variance : ndarray of float64, shape (cells,)
+            And the square of the standard error of each.
+        """
+
+        def weigh(picture: FloatArray, noise: FloatArray) -> FloatArray:
+            mean = _blurred(picture, _AROUND_CELLS)
+            varies = _blurred((picture - mean) ** 2, _AROUND_CELLS)
+            kept = 1.0 - np.divide(_blurred(noise, _AROUND_CELLS), varies, out=np.ones_like(varies), where=varies > 0.0)
+            return np.asarray(mean + np.clip(kept, 0.0, 1.0) * (picture - mean))
+
+        return self._map_by_map(weigh, values, variance)
+
+    def _map_by_map(self, work: Callable[..., NDArray[Any]], *values: FloatArray) -> FloatArray:
+        result = np.empty(self.cells)
         for offset, rows, columns in self.cells_at:
             part = slice(offset, offset + rows * columns)
-            picture = values[part].reshape(rows, columns).astype(np.float32)
-            if min(rows, columns) >= 3:
-                picture = cv2.medianBlur(picture, 3)
-            if rows * columns > 1:
-                picture = cv2.GaussianBlur(picture, (0, 0), 1.5, borderType=cv2.BORDER_REPLICATE)
-            result[part] = picture.ravel()
+            result[part] = work(*(each[part].reshape(rows, columns) for each in values)).ravel()
         return result
 
     def coordinates(self, points: FloatArray, owner: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -208,6 +234,12 @@ def look_up(values: NDArray[np.float32], table: IntArray, owner: IntArray, s: Fl
     low = values[offset + y0 * columns + x0] * (1 - fx) + values[offset + y0 * columns + x1] * fx
     high = values[offset + y1 * columns + x0] * (1 - fx) + values[offset + y1 * columns + x1] * fx
     return np.asarray(low * (1 - fy) + high * fy, dtype=np.float32)
+
+
+def _blurred(picture: NDArray[Any], sigma: float) -> NDArray[Any]:
+    if picture.size == 1:
+        return picture
+    return np.asarray(cv2.GaussianBlur(picture, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE))
 
 
 def _offsets(sizes: IntArray) -> IntArray:

@@ -207,7 +207,7 @@ class LightTransport:
     def light_map(self, samples: int, seed: int, progress: Callable[[int, int], None]) -> NDArray[np.float32]:
         """Illuminance, lux, of every cell of the patches' light maps, shape (cells,)."""
         patches = self._patches
-        direct, whole = np.zeros(patches.cells), np.zeros(patches.cells)
+        direct, squared, whole = np.zeros(patches.cells), np.zeros(patches.cells), np.zeros(patches.cells)
         rng = np.random.default_rng([seed, 31])
         each = max(1, samples // _PASSES)
         for step in range(_PASSES):
@@ -215,11 +215,15 @@ class LightTransport:
             where = points, patches.normal[owner], patches.mean_albedo[owner]
             # The same random numbers for both: they share the direct light to the last bit.
             whole += _illuminance(self._scene, *where, each, seed + step, self._used)
-            direct += _illuminance(self._scene, *where, each, seed + step, self._used, depth=2)
+            straight = _illuminance(self._scene, *where, each, seed + step, self._used, depth=2)
+            direct += straight
+            squared += straight**2
             progress(step + 1, _PASSES)
         own = patches.source[owner] >= 0
         indirect = patches.smoothed((whole - direct) / _PASSES)
-        return np.where(own, 0.0, np.maximum(direct / _PASSES + indirect, 0.0)).astype(np.float32)
+        direct /= _PASSES
+        variance = np.maximum(squared / _PASSES - direct**2, 0.0) / (_PASSES - 1)
+        return np.where(own, 0.0, np.maximum(patches.denoised(direct, variance) + indirect, 0.0)).astype(np.float32)
 
     def meter(self, points: FloatArray, normals: FloatArray, samples: int, seed: int) -> FloatArray:
         """Illuminance, lux, at points in the open (n, 3) on a plane that looks along normals (n, 3); by gathering light.

@@ -18,7 +18,7 @@ from panoloc_mcl.datasets.images import Image, write_image
 from panoloc_mcl.datasets.trajectory import Trajectory
 from panoloc_mcl.datasets.writer import DatasetWriter
 from panoloc_mcl.errors import ConfigError, DatasetError
-from panoloc_mcl.files import write_atomically
+from panoloc_mcl.files import remove_unfinished, write_atomically
 from panoloc_mcl.progress import Progress
 from panoloc_mcl.simulation.backend import Backend, backend
 from panoloc_mcl.simulation.building import Building, build
@@ -99,6 +99,13 @@ class Simulation:
     def frames(self) -> int:
         """Images to render."""
         return len(self.references) + sum(len(sequence.shots) for sequence in self._sequences)
+
+    @property
+    def said(self) -> str:
+        """Everything that the data set depends on, as text: a folder that was begun with it is gone on with."""
+        return json.dumps(
+            {"config": self.config.model_dump(mode="json"), "scene": self.scene.model_dump(mode="json")}, sort_keys=True
+        )
 
     def world(self, light: str, used: Backend, progress: Progress, building: tuple[float, int] = (0.0, 0)) -> World:
         """The scene under a light."""
@@ -290,23 +297,22 @@ class Simulation:
 
     def _claim(self, path: Path) -> None:
         """Make the folder ours, or make sure that it is: an earlier run with the same configuration that was stopped."""
-        said = json.dumps(
-            {"config": self.config.model_dump(mode="json"), "scene": self.scene.model_dump(mode="json")}, sort_keys=True
-        )
-        if (path / "dataset.yaml").exists():
+        resumed = (path / MARK).is_file()
+        if not resumed and (path / "dataset.yaml").exists():
             raise DatasetError(f"{path}: already holds a data set; choose another folder or remove it")
-        if (path / MARK).is_file():
-            if (path / MARK).read_text(encoding="utf-8") != said:
+        if resumed:
+            if (path / MARK).read_text(encoding="utf-8") != self.said:
                 raise DatasetError(
                     f"{path}: holds part of a data set of another configuration; finish that one, choose another folder or remove it"
                 )
-        elif path.exists() and (not path.is_dir() or any(path.iterdir())):
+        elif path.exists() and not (path.is_dir() and all(found.name.startswith(f".{MARK}.") for found in path.iterdir())):
             raise DatasetError(f"{path}: already exists and is not empty; choose another folder or remove it")
-        else:
-            write_atomically(path / MARK, said)
-        free = shutil.disk_usage(path).free
+        free = shutil.disk_usage(next(folder for folder in (path, *path.absolute().parents) if folder.is_dir())).free
         if free < _LEAST_FREE_BYTES:
             raise DatasetError(f"{path}: only {free / 1e6:.0f} MB are free on the disk; make room or choose another folder")
+        remove_unfinished(path)
+        if not resumed:
+            write_atomically(path / MARK, self.said)
 
 
 def _path(drive: Drive, roads: RoadMap, duration: float, rng: np.random.Generator, where: str) -> Trajectory:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from panoloc_mcl.errors import OutputError
 from panoloc_mcl.files import cache_folder, read_arrays, write_arrays
 from panoloc_mcl.simulation.backend import Backend
 from panoloc_mcl.simulation.building import Building
@@ -23,7 +25,7 @@ from panoloc_mcl.simulation.sun import light_of
 
 FloatArray = NDArray[np.float64]
 
-_REVISION = 1  # raised whenever light maps come out differently
+_REVISION = 2  # raised whenever light maps come out differently
 _PROBE_M = 1.1  # height at which the light on people is measured
 _PROBE_STEP_M = 1.5
 _AXES = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float64)
@@ -81,7 +83,10 @@ class World:
                 "sky": self.sources.sky,
                 "outdoor": np.array([self.sources.outdoor_lux]),
             }
-            write_arrays(path, {"light": light, "scene": scene.name}, arrays)
+            try:
+                write_arrays(path, {"light": light, "scene": scene.name}, arrays)
+            except OutputError as error:
+                warnings.warn(f"light not kept for the next run: {error}", RuntimeWarning, stacklevel=2)
         self.sources = Sources(arrays["luminance"], scene.window_transmittance, arrays["sky"], float(arrays["outdoor"][0]))
         self._lux, self._probes = arrays["lux"], arrays["probes"]
 

@@ -123,6 +123,23 @@ def test_look_up_is_bilinear():
     assert np.allclose(found, [ramp[0, 0], ramp[0, :2].mean(), ramp[2, 3], ramp[:2, 1:3].mean()])
 
 
+def test_denoising_takes_noise_and_leaves_shadows():
+    parts = PatchList()
+    parts.add((0, 0, 0), (8, 0, 0), (0, 6, 0), np.full((1, 1), 0.5, np.float32), 0.1)
+    parts.add((0, 0, 1), (0.05, 0, 0), (0, 0.05, 0), np.full((1, 1), 0.5, np.float32), 0.1)
+    patches = assemble(parts)
+    truth = np.full((60, 80), 100.0)
+    truth[:, 40:] = 400.0  # the edge of a shadow
+    rng = np.random.default_rng(0)
+    for deviation, flat in ((30.0, 0.35), (0.0, 0.0)):
+        values = np.append(truth + deviation * rng.standard_normal(truth.shape), 7.0)
+        found = patches.denoised(values, np.full(values.shape, deviation**2))
+        assert found[-1] == 7.0
+        error = found[:-1].reshape(truth.shape) - truth
+        assert np.abs(error[:, np.r_[:30, 50:80]]).mean() <= flat * deviation
+        assert np.abs(error[:, 39:41].mean(axis=0)).max() < 20.0 * (deviation > 0.0) + 1e-9
+
+
 def test_wandering_keeps_its_distance_and_its_seed():
     scene, folder = load_scene("hall")
     space = FreeSpace(build(scene, folder), 0.7)

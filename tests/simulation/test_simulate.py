@@ -2,6 +2,10 @@
 
 import json
 import math
+import os
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -206,6 +210,39 @@ def test_stopped_and_resumed(made, tiny_folder, tmp_path, after):
     rendered = []
     run(tiny_folder, tmp_path / "data", progress=lambda done, total, what: rendered.append((done, total, what)))
     assert contents(tmp_path / "data") == contents(made)
+
+
+def test_killed_without_warning(made, tiny_folder, tmp_path, simulation_cache):
+    program = (
+        "import os, signal, sys; from pathlib import Path\n"
+        "from panoloc_mcl.simulation.settings import load_simulation\n"
+        "from panoloc_mcl.simulation.simulate import Simulation\n"
+        "folder, out = Path(sys.argv[1]), Path(sys.argv[2])\n"
+        "def progress(done, total, what):\n"
+        "    if what == 'frames' and done == 10: os.kill(os.getpid(), getattr(signal, 'SIGKILL', signal.SIGTERM))\n"
+        "Simulation(load_simulation(folder / 'tiny.yaml'), folder).run(out, progress, print)\n"
+    )
+    out, path = tmp_path / "data", os.pathsep.join(filter(None, sys.path))
+    child = subprocess.run(
+        [sys.executable, "-c", program, tiny_folder, out], env={**os.environ, "PYTHONPATH": path}, check=False
+    )
+    assert child.returncode not in (0, 1)
+    assert len(list(out.rglob("*.png"))) >= 9
+    # What is left when the end comes while a file is written.
+    (out / "references" / ".ref_009.png.ab12_x9z").write_bytes(b"half")
+    assert contents(run(tiny_folder, out)) == contents(made)
+
+
+def test_killed_at_the_very_end_and_at_the_very_beginning(made, tiny_folder, tmp_path):
+    out = tmp_path / "data"
+    out.mkdir()
+    (out / f".{MARK}.ab12_x9z").write_text("half")
+    assert contents(run(tiny_folder, out)) == contents(made)
+    simulation = Simulation(load_simulation(tiny_folder / "tiny.yaml"), tiny_folder)
+    (out / "dataset.yaml").unlink()
+    (out / MARK).write_text(simulation.said)
+    shutil.copy(made / "dataset.yaml", out)
+    assert contents(run(tiny_folder, out)) == contents(made)
 
 
 def test_only_its_own_half_is_resumed(tiny_folder, made, tmp_path, capsys):
