@@ -82,8 +82,9 @@ class Simulation:
         self.config = config
         scene, self._scene_folder = load_scene(config.scene, folder)
         self.scene: Scene = scene
-        for light in dict.fromkeys([config.references_light, *(group.light for group in config.sequences)]):
-            light_of(scene, light)
+        light_of(scene, config.references_light, "references_light")
+        for order, group in enumerate(config.sequences):
+            light_of(scene, group.light, f"sequences.{order}.light")
         self._buildings: dict[tuple[float, int], Building] = {}
         self._casters: dict[tuple[float, int], RayCaster] = {}
         building = self._building((0.0, 0))
@@ -128,11 +129,11 @@ class Simulation:
         DatasetError, OutputError
             The folder holds something else, or cannot be written, or the disk is full.
         """
-        self._claim(path)
         used = backend()
         if used.remark:
             notice(used.remark)
         self._refuse_cameras_inside_things(used)
+        self._claim(path)
         config, done = self.config, 0
         ending = "png" if config.jpeg_quality is None else "jpg"
         writer = DatasetWriter(
@@ -196,7 +197,7 @@ class Simulation:
         return finished
 
     def _refuse_cameras_inside_things(self, used: Backend) -> None:
-        """What surrounds a camera and is seen from behind is the inside of something, of a mesh for instance."""
+        """What surrounds a camera and is seen from behind is the inside of something, what lies below it a ceiling or a roof."""
         groups: dict[tuple[float, int], list[tuple[str, FloatArray]]] = {}
         height = self.config.camera.height_m or 0.0
         at = [("reference", np.array([pose[0], pose[1], height])) for pose in self.references]
@@ -208,19 +209,22 @@ class Simulation:
         angles = 2.0 * np.pi * np.arange(24) / 24
         around = np.column_stack([np.cos(angles), np.sin(angles), np.tile([-0.3, 0.0, 0.3], 8)])
         around /= np.linalg.norm(around, axis=1, keepdims=True)
+        around = np.concatenate([around, [[0.0, 0.0, -1.0]]])
         for key, cameras in groups.items():
             patches = self._building(key).patches
             points = np.repeat([point for _, point in cameras], len(around), axis=0)
             directions = np.tile(around, (len(cameras), 1))
             _, owner = self._caster(key, used).cast(points, directions)
             behind = (owner >= 0) & (np.einsum("ij,ij->i", directions, patches.normal[owner]) > 0.0)
-            share = behind.reshape(len(cameras), -1).mean(axis=1)
-            faults += [
-                f"scene '{self.scene.name}': {what} at [{x:.2f}, {y:.2f}], {z:g} m high: the camera is inside a thing; "
-                "move the places, or the thing"
-                for (what, (x, y, z)), inside in zip(cameras, share, strict=True)
-                if inside > 0.8
-            ]
+            # Meshes of the user have no side that is surely the outer one.
+            below = (behind & ~patches.triangle[owner]).reshape(len(cameras), -1)[:, -1]
+            share = behind.reshape(len(cameras), -1)[:, :-1].mean(axis=1)
+            for (what, (x, y, z)), inside, above in zip(cameras, share, below, strict=True):
+                where = f"scene '{self.scene.name}': {what} at [{x:.2f}, {y:.2f}], {z:g} m high: the camera is"
+                if inside > 0.8:
+                    faults.append(f"{where} inside a thing; move the places, or the thing")
+                elif above:
+                    faults.append(f"{where} above a ceiling or a roof; lower camera.height_m or height_change_m")
         if faults:
             more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
             raise ConfigError(faults[0] + more)

@@ -28,8 +28,8 @@ def elevation_deg(site: Site, time_h: float) -> float:
     return math.degrees(math.asin(max(-1.0, min(1.0, sun_direction(site, time_h)[2]))))
 
 
-def light_of(scene: Scene, name: str) -> Light:
-    """A light of a scene.
+def light_of(scene: Scene, name: str, key: str = "light") -> Light:
+    """A light of a scene; ``key`` says in a message who asks for it.
 
     Raises
     ------
@@ -37,7 +37,7 @@ def light_of(scene: Scene, name: str) -> Light:
         No such light; the sun below the horizon where its light or the sky's is asked for; nothing that shines.
     """
     if name not in scene.lights:
-        raise ConfigError(f"light = '{name}': scene '{scene.name}' has no such light; known: {', '.join(scene.lights)}")
+        raise ConfigError(f"{key} = '{name}': scene '{scene.name}' has no such light; known: {', '.join(scene.lights)}")
     light = scene.lights[name]
     height = elevation_deg(scene.site, light.time_h)
     if (light.sun > 0.0 or light.sky > 0.0) and height <= 0.0:

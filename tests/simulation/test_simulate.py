@@ -263,7 +263,8 @@ def test_only_its_own_half_is_resumed(tiny_folder, made, tmp_path, capsys):
     ("override", "said"),
     [
         ("scene=hal", "no such scene"),
-        ("references_light=dusk", "no such light"),
+        ("references_light=dusk", "references_light = 'dusk': scene 'tiny' has no such light"),
+        ("sequences=[{name: a, light: dusk, frames: 2}]", "sequences.0.light = 'dusk': scene"),
         ("references_light=night", "below the horizon"),
         ("sequences=[{name: a, light: day, frames: 2, drive: {kind: patrol, waypoints: [[0, 0], [9, 0]]}}]", "lies outside"),
         ("sequences=[{name: a, light: day, frames: 2, drive: {kind: patrol}}]", "patrol needs waypoints"),
@@ -288,9 +289,27 @@ def test_a_camera_inside_a_mesh(tiny_folder, tmp_path, capsys):
     (tmp_path / "tiny.yaml").write_text((tiny_folder / "tiny.yaml").read_text())
     assert main(["simulate", str(tmp_path / "tiny.yaml"), "-o", str(tmp_path / "out")]) == 2
     assert "the camera is inside a thing" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "override",
+    [
+        "camera={kind: panorama, elevation_deg: [-50, 25], height_m: 3.5}",
+        "sequences=[{name: a, light: day, frames: 1, height_change_m: 0.9}]",
+    ],
+)
+def test_a_camera_above_the_ceiling(tiny_folder, tmp_path, capsys, override):
+    # A room in which a tall robot would look out of the roof.
+    text = (tiny_folder / "tiny_scene.yaml").read_text().replace("z: 3, material", "z: 1.4, material")
+    (tmp_path / "tiny_scene.yaml").write_text(text)
+    (tmp_path / "tiny.yaml").write_text((tiny_folder / "tiny.yaml").read_text())
+    assert main(["simulate", str(tmp_path / "tiny.yaml"), "-o", str(tmp_path / "out"), "--set", override]) == 2
+    assert "the camera is above a ceiling or a roof" in capsys.readouterr().err
 
 
 def test_a_full_disk(tiny_folder, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("shutil.disk_usage", lambda path: type("Usage", (), {"free": 1000})())
     assert main(["simulate", str(tiny_folder / "tiny.yaml"), "-o", str(tmp_path / "out")]) == 2
     assert "free on the disk" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
