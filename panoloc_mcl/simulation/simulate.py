@@ -32,7 +32,9 @@ from panoloc_mcl.simulation.sun import light_of
 from panoloc_mcl.simulation.world import World
 
 FloatArray = NDArray[np.float64]
-AnyCamera = PanoramaCamera | OmniCamera
+# The share of things that have been moved, and the seed that says which.
+_BuildingKey = tuple[float, int]
+_AS_IT_STANDS: _BuildingKey = (0.0, 0)
 
 MARK = ".simulation.json"
 _START_S = 1000.0
@@ -52,6 +54,16 @@ class _Shot:
     key: tuple[int, ...]
 
 
+@dataclass(frozen=True)
+class _View:
+    """What the images of a folder have in common."""
+
+    light: str
+    building: _BuildingKey
+    camera: PanoramaCamera | OmniCamera
+    size: tuple[int, int]
+
+
 @dataclass(frozen=True, eq=False)
 class _Sequence:
     name: str
@@ -60,7 +72,7 @@ class _Sequence:
     truth: Trajectory
     odometry: Trajectory
     shots: tuple[_Shot, ...]
-    building_key: tuple[float, int]
+    building_key: _BuildingKey
 
 
 class Simulation:
@@ -85,9 +97,9 @@ class Simulation:
         light_of(scene, config.references_light, "references_light")
         for order, group in enumerate(config.sequences):
             light_of(scene, group.light, f"sequences.{order}.light")
-        self._buildings: dict[tuple[float, int], Building] = {}
-        self._casters: dict[tuple[float, int], RayCaster] = {}
-        building = self._building((0.0, 0))
+        self._buildings: dict[_BuildingKey, Building] = {}
+        self._casters: dict[_BuildingKey, RayCaster] = {}
+        building = self._building(_AS_IT_STANDS)
         height = config.camera.height_m or 0.0
         self.space = FreeSpace(building, height + 0.1)
         self.references = reference_poses(self.space)
@@ -108,10 +120,10 @@ class Simulation:
             {"config": self.config.model_dump(mode="json"), "scene": self.scene.model_dump(mode="json")}, sort_keys=True
         )
 
-    def world(self, light: str, used: Backend, progress: Progress, building: tuple[float, int] = (0.0, 0)) -> World:
+    def world(self, light: str, used: Backend, progress: Progress, building: _BuildingKey = _AS_IT_STANDS) -> World:
         """The scene under a light."""
         put_up = self._building(building)
-        what = f"light: {light}" if building == (0.0, 0) else f"light: {light}, things moved"
+        what = f"light: {light}" if building == _AS_IT_STANDS else f"light: {light}, things moved"
         return World(
             put_up,
             light,
@@ -134,63 +146,26 @@ class Simulation:
             notice(used.remark)
         self._refuse_cameras_inside_things(used)
         self._claim(path)
-        config, done = self.config, 0
-        ending = "png" if config.jpeg_quality is None else "jpg"
+        config = self.config
         writer = DatasetWriter(
             path, config.name, config.camera, config.description or self.scene.description, config.licence, resume=True
         )
-        tables: dict[tuple[object, ...], RayTable] = {}
-
-        def images(
-            folder: Path,
-            names: list[str],
-            shots: tuple[_Shot, ...],
-            camera: AnyCamera,
-            size: tuple[int, int],
-            lit: Callable[[], World],
-        ) -> Iterator[Image | None]:
-            nonlocal done
-            for name, shot in zip(names, shots, strict=True):
-                if (folder / name).is_file():
-                    yield None
-                else:
-                    key = (repr(camera), size)
-                    if key not in tables:
-                        tables[key] = ray_table(camera, size, config.sensor.samples)
-                    image = self._render(lit(), tables[key], shot)
-                    if config.jpeg_quality is None:
-                        yield image
-                    else:
-                        write_image(folder / name, image, config.jpeg_quality)
-                        yield None
-                done += 1
-                progress(done, self.frames, "frames")
-
-        worlds: dict[tuple[str, tuple[float, int]], World] = {}
-
-        def lit(light: str, building: tuple[float, int] = (0.0, 0)) -> Callable[[], World]:
-            def get() -> World:
-                key = (light, building)
-                if key not in worlds:
-                    worlds[key] = self.world(light, used, progress, building)
-                return worlds[key]
-
-            return get
-
+        pictures = _Pictures(self, used, progress)
+        ending = "png" if config.jpeg_quality is None else "jpg"
         height = config.camera.height_m or 0.0
         shots = tuple(
             _Shot(pose, height, (), (0.0, 0.0), False, (config.seed, 1, index)) for index, pose in enumerate(self.references)
         )
         names = [f"ref_{index:03d}.{ending}" for index in range(len(shots))]
-        pictures = images(path / "references", names, shots, config.camera, config.size, lit(config.references_light))
-        writer.add_references(pictures, self.references, names=names)
+        view = _View(config.references_light, _AS_IT_STANDS, config.camera, config.size)
+        writer.add_references(pictures.of(path / "references", names, shots, view), self.references, names=names)
         for sequence in self._sequences:
-            camera, size = sequence.group.camera or config.camera, sequence.group.size or config.size
+            group = sequence.group
+            view = _View(group.light, sequence.building_key, group.camera or config.camera, group.size or config.size)
             names = [f"images/f{index:03d}.{ending}" for index in range(len(sequence.shots))]
-            folder = path / "sequences" / sequence.name
-            pictures = images(folder, names, sequence.shots, camera, size, lit(sequence.group.light, sequence.building_key))
+            images = pictures.of(path / "sequences" / sequence.name, names, sequence.shots, view)
             writer.add_sequence(
-                sequence.name, sequence.times, pictures, sequence.odometry, sequence.truth, camera=camera, names=names
+                sequence.name, sequence.times, images, sequence.odometry, sequence.truth, camera=view.camera, names=names
             )
         finished = writer.finish()
         (path / MARK).unlink(missing_ok=True)
@@ -198,10 +173,10 @@ class Simulation:
 
     def _refuse_cameras_inside_things(self, used: Backend) -> None:
         """What surrounds a camera and is seen from behind is the inside of something, what lies below it a ceiling or a roof."""
-        groups: dict[tuple[float, int], list[tuple[str, FloatArray]]] = {}
+        groups: dict[_BuildingKey, list[tuple[str, FloatArray]]] = {}
         height = self.config.camera.height_m or 0.0
         at = [("reference", np.array([pose[0], pose[1], height])) for pose in self.references]
-        groups[(0.0, 0)] = at
+        groups[_AS_IT_STANDS] = at
         for sequence in self._sequences:
             shots = [(f"sequence {sequence.name}", np.array([*shot.pose[:2], shot.height_m])) for shot in sequence.shots]
             groups.setdefault(sequence.building_key, []).extend(shots)
@@ -229,17 +204,12 @@ class Simulation:
             more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
             raise ConfigError(faults[0] + more)
 
-    def _caster(self, key: tuple[float, int], used: Backend) -> RayCaster:
+    def _caster(self, key: _BuildingKey, used: Backend) -> RayCaster:
         if key not in self._casters:
             self._casters[key] = RayCaster(self._building(key).patches, used)
         return self._casters[key]
 
-    def _render(self, world: World, rays: RayTable, shot: _Shot) -> NDArray[np.uint8]:
-        luminance, seen = world.luminance(rays, shot.pose, shot.height_m, shot.people, shot.tilt)
-        # A generator a frame: a frame comes out the same whether those before it were rendered in this run or not.
-        return expose(luminance, seen, self.config.sensor, np.random.default_rng(shot.key), shot.auto_exposure)
-
-    def _building(self, key: tuple[float, int]) -> Building:
+    def _building(self, key: _BuildingKey) -> Building:
         if key not in self._buildings:
             self._buildings[key] = build(self.scene, self._scene_folder, *key)
         return self._buildings[key]
@@ -252,7 +222,7 @@ class Simulation:
         since = np.round(0.1 + np.arange(group.frames) * group.every_s, 6)
         duration = float(since[-1]) + group.every_s
         where = f"sequences.{order}.drive"
-        key = (group.moved, config.seed) if group.moved > 0.0 else (0.0, 0)
+        key = (group.moved, config.seed) if group.moved > 0.0 else _AS_IT_STANDS
         roads = self.roads
         if group.moved > 0.0:
             # What has been moved may stand in the way.
@@ -317,6 +287,41 @@ class Simulation:
         remove_unfinished(path)
         if not resumed:
             write_atomically(path / MARK, self.said)
+
+
+class _Pictures:
+    """Renders the images that are not there yet; what several need, light and rays, is kept."""
+
+    def __init__(self, simulation: Simulation, used: Backend, progress: Progress) -> None:
+        self._simulation, self._used, self._progress = simulation, used, progress
+        self._worlds: dict[tuple[str, _BuildingKey], World] = {}
+        self._rays: dict[tuple[str, tuple[int, int]], RayTable] = {}
+        self._done = 0
+
+    def of(self, folder: Path, names: list[str], shots: tuple[_Shot, ...], view: _View) -> Iterator[Image | None]:
+        """One after the other; None for one that is there, from an earlier run or because it was written here."""
+        quality = self._simulation.config.jpeg_quality
+        for name, shot in zip(names, shots, strict=True):
+            image: Image | None = None
+            if not (folder / name).is_file():
+                image = self._render(shot, view)
+                if quality is not None:
+                    write_image(folder / name, image, quality)
+                    image = None
+            yield image
+            self._done += 1
+            self._progress(self._done, self._simulation.frames, "frames")
+
+    def _render(self, shot: _Shot, view: _View) -> NDArray[np.uint8]:
+        where, camera = (view.light, view.building), (repr(view.camera), view.size)
+        sensor = self._simulation.config.sensor
+        if where not in self._worlds:
+            self._worlds[where] = self._simulation.world(view.light, self._used, self._progress, view.building)
+        if camera not in self._rays:
+            self._rays[camera] = ray_table(view.camera, view.size, sensor.samples)
+        luminance, seen = self._worlds[where].luminance(self._rays[camera], shot.pose, shot.height_m, shot.people, shot.tilt)
+        # A generator a frame: a frame comes out the same whether those before it were rendered in this run or not.
+        return expose(luminance, seen, sensor, np.random.default_rng(shot.key), shot.auto_exposure)
 
 
 def _path(drive: Drive, roads: RoadMap, duration: float, rng: np.random.Generator, where: str) -> Trajectory:
