@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import bisect
 import hashlib
 import json
 import math
@@ -22,12 +21,12 @@ from panoloc_mcl.config.model import RunConfig
 from panoloc_mcl.errors import ConfigError, ImageError, StateError
 from panoloc_mcl.files import read_arrays, write_arrays
 from panoloc_mcl.filters import Estimate, KalmanOrientationFilter, MonteCarloFilter, OdometryOnlyFilter, PoseFilter, Start
-from panoloc_mcl.motion import Motion, OdometryBuffer, blind
+from panoloc_mcl.motion import ImageClock, Motion, OdometryBuffer, blind
 from panoloc_mcl.observation import ObservationModel, Places, VoteField
 from panoloc_mcl.observation.field import silent_field
 from panoloc_mcl.panorama_map import PanoramaMap
 
-STATE_FORMAT = "panoloc-state/2"
+STATE_FORMAT = "panoloc-state/3"
 
 
 class Localizer:
@@ -77,11 +76,7 @@ class Localizer:
         self._odometry = OdometryBuffer(self.settings.motion)
         rng = np.random.default_rng(config.seed if seed is None else seed)
         self._filter = self._make_filter(self._observation.places, _start(self.settings, start_pose), rng)
-        self._time: float | None = None
-        # Times of the images that were fused, as far back as late ones are taken.
-        self._fused: list[float] = []
-        # Time stamp of the last image that was left out because it is so far from the others.
-        self._suspect: float | None = None
+        self._clock = ImageClock(self.settings.motion, self._odometry)
         self._reported: dict[str, int] = {}
         # The next image counts whatever the motion gate says.
         self._forced = False
@@ -124,7 +119,7 @@ class Localizer:
             odometry alone and says why. After a late image the estimate is that of the newest image's time, bettered by the late one.
         """
         stage_ms: dict[str, float] = {}
-        problem = self._stamp_problem(timestamp)
+        problem = self._clock.problem(timestamp)
         if problem:
             self.images_skipped += 1
             return self._estimate(problem, None, stage_ms)
@@ -141,9 +136,8 @@ class Localizer:
                 votes = self._observe(image, headings)
             with _timed(stage_ms, "update"):
                 self._filter.update(votes, offset)
-            self._time = timestamp if offset is None else self._time
+            self._clock.fuse(timestamp)
             self._forced = False
-            self._remember(timestamp)
             return self._estimate("; ".join(part for part in (note, votes.problem) if part), votes, stage_ms)
 
     def force_update(self) -> None:
@@ -160,68 +154,26 @@ class Localizer:
         """The places that images vote for."""
         return self._observation.places
 
-    def _stamp_problem(self, timestamp: float) -> str:
-        """Why the time stamp of an image cannot be used; empty when it can."""
-        if not math.isfinite(timestamp):
-            return "image skipped: its time stamp is not finite"
-        if self._time is None:
-            return ""
-        if timestamp in self._fused:
-            return f"image skipped: time stamp {timestamp:.9f} came twice"
-        if self._late_from() <= timestamp <= self._ahead_to() or self._clock_agrees(timestamp):
-            return ""
-        self._suspect = timestamp
-        if timestamp < self._time:
-            return f"image skipped: {self._time - timestamp:.3f} s late, before the odometry that is kept"
-        return f"image skipped: its time stamp is {timestamp - self._time:.3f} s ahead; used only if the next one agrees"
-
-    def _late_from(self) -> float:
-        """The earliest time that a late image may have: the way back to it must be known."""
-        assert self._time is not None
-        kept = self._time - self.settings.motion.buffer_s
-        # Odometry that begins after the belief's time is of another clock, or too late to say anything.
-        return max(self._odometry.oldest, kept) if self._odometry.oldest <= self._time else kept
-
-    def _ahead_to(self) -> float:
-        """The latest time that an image can have if the clock has not jumped."""
-        assert self._time is not None
-        return max(self._odometry.newest, self._time) + self.settings.motion.clock_jump_s
-
-    def _clock_agrees(self, timestamp: float) -> bool:
-        """Whether an image that lies far from all others follows on the one before it, which did, too."""
-        return self._suspect is not None and 0.0 < timestamp - self._suspect <= self.settings.motion.clock_jump_s
-
     def _follow_clock(self, timestamp: float) -> str:
         """If two images agree that the clock has jumped, go on by the new time; what happened meanwhile is unknown."""
-        if self._time is None or self._late_from() <= timestamp <= self._ahead_to():
-            self._suspect = None
+        jump = self._clock.follow(timestamp)
+        if jump is None:
             return ""
-        assert self._suspect is not None
-        jump = self._suspect - self._time
         # The robot was moving for some time that the clock does not tell.
         unknown = self.settings.motion.clock_jump_s
         self._filter.propagate(blind(Motion(np.zeros(3), duration_s=unknown), unknown, self.settings.motion))
-        if self._odometry.newest > timestamp + unknown or self._odometry.newest < self._suspect - unknown:
-            # Odometry by the old clock would only mislead.
-            self._odometry.clear()
-        self._time, self._fused, self._suspect = self._suspect, [], None
         return f"image stamps jumped by {jump:+.3f} s; going on from there"
-
-    def _remember(self, timestamp: float) -> None:
-        bisect.insort(self._fused, timestamp)
-        while self._fused and self._fused[0] < self._late_from():
-            self._fused.pop(0)
 
     def _motion_to(self, timestamp: float) -> tuple[Motion, Motion | None]:
         """Motion of the belief up to an image; for a late one none, but the way back from the belief's time to the image's."""
-        now = timestamp if self._time is None else self._time
-        if timestamp < now:
+        now = timestamp if self._clock.now is None else self._clock.now
+        if self._clock.is_late(timestamp):
             return self._odometry.motion(now, now), self._odometry.motion(now, timestamp)
         return self._odometry.motion(now, timestamp), None
 
     def _gate_opens(self, motion: Motion) -> bool:
         gate = self.settings.gate
-        if self._forced or self._time is None or gate.distance_m == gate.angle_deg == 0.0 or motion.blind_s > 0.0:
+        if self._forced or self._clock.now is None or gate.distance_m == gate.angle_deg == 0.0 or motion.blind_s > 0.0:
             return True
         moved = gate.distance_m > 0.0 and motion.distance >= gate.distance_m
         turned = gate.angle_deg > 0.0 and motion.turn >= math.radians(gate.angle_deg)
@@ -242,7 +194,7 @@ class Localizer:
             state = self._filter.state()
         best = state.clusters[0]
         message = "; ".join(part for part in (problem, self._news_of_odometry()) if part)
-        time_of_belief = math.nan if self._time is None else self._time
+        time_of_belief = math.nan if self._clock.now is None else self._clock.now
         return Estimate(time_of_belief, best.pose, best.covariance, state.status, message, state, votes, stage_ms)
 
     def _news_of_odometry(self) -> str:
@@ -283,9 +235,7 @@ class Localizer:
             "settings": _that_count(self.config),
             "filter": filter_header,
             "odometry": odometry_header,
-            "time": self._time,
-            "fused": self._fused,
-            "suspect": self._suspect,
+            "clock": self._clock.snapshot(),
             "reported": self._reported,
             "forced": self._forced,
             "images_skipped": self.images_skipped,
@@ -329,12 +279,14 @@ class Localizer:
 
         odometry = OdometryBuffer(self.settings.motion)
         odometry.restore(part("odometry"), header["odometry"])
-        values = {f"_{name}": header[name] for name in ("time", "fused", "suspect", "reported", "forced")}
+        clock = ImageClock(self.settings.motion, odometry)
+        clock.restore(header["clock"])
+        values = {f"_{name}": header[name] for name in ("reported", "forced")}
         skipped = int(header["images_skipped"])
         # The last that can fail; it changes nothing if it does.
         self._filter.restore(part("filter"), header["filter"])
         vars(self).update(values)
-        self._odometry, self.images_skipped = odometry, skipped
+        self._odometry, self._clock, self.images_skipped = odometry, clock, skipped
 
     def _map_fingerprint(self) -> str:
         references = self._map.references
