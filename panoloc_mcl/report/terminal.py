@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +14,8 @@ if TYPE_CHECKING:
 
 # Spaces between two columns.
 _GAP = 2
+# A width that no table needs.
+_UNBOUNDED = 10_000
 
 
 def print_metrics(
@@ -25,13 +29,15 @@ def print_metrics(
         From ``evaluate``.
     console : rich.console.Console, optional
         Standard output otherwise; plain text where that is not a terminal. Columns that do not fit side by side follow
-        below.
+        below; a file or a pipe has no width that they must fit, unless ``COLUMNS`` names one.
     beside_paper : bool
         False leaves the paper's table out, for runs that are nothing like its own.
     """
     from rich.console import Console
 
-    console = console or Console(highlight=False)
+    if console is None:
+        bounded = sys.stdout.isatty() or "COLUMNS" in os.environ
+        console = Console(highlight=False, width=None if bounded else _UNBOUNDED)
     for table in (metrics_table(metrics), paper_table(metrics) if beside_paper else None):
         if table is not None:
             _print_table(table, console)

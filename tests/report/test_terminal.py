@@ -39,6 +39,17 @@ def test_columns_that_fit_stay_side_by_side(metrics):
     assert printed(metrics, 60).count("Accuracy after convergence") > 1
 
 
+def test_a_file_or_a_pipe_has_no_width_unless_one_is_named(metrics, capsys, monkeypatch):
+    monkeypatch.delenv("COLUMNS", raising=False)
+    print_metrics(metrics)
+    unbounded = capsys.readouterr().out
+    assert unbounded.count("Accuracy after convergence") == 1
+    assert max(map(len, unbounded.splitlines())) < 200
+    monkeypatch.setenv("COLUMNS", "60")
+    print_metrics(metrics)
+    assert all(len(line) <= 60 for line in capsys.readouterr().out.splitlines())
+
+
 def test_where_only_ascii_can_be_shown(metrics):
     text = printed(metrics, 80, encoding="ascii")
     assert "heading, median [deg]" in text
