@@ -13,7 +13,7 @@ from panoloc_mcl.files import CACHE_VARIABLE
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 # Of the small room: a map of it takes a few seconds.
-SIZE = PanoramaGeometry(120, 48, -50.0, 25.0)
+SIZE = PanoramaGeometry(90, 36, -50.0, 25.0)
 
 
 @dataclass(frozen=True)

@@ -85,7 +85,7 @@ def test_evo_says_the_same(full_run, metrics, sequence, tmp_path):
 
 
 @pytest.mark.parametrize("threads", ["1", "2"])
-@pytest.mark.parametrize("config", ["global", "kalman"])
+@pytest.mark.parametrize("config", ["global", pytest.param("kalman", marks=pytest.mark.slow)])
 def test_the_same_seed_gives_the_same_bytes(config, threads, full_run, panoloc_process, panoloc, tmp_path):
     """On a second run, with any number of threads, and whichever sequences are run with it."""
     words = ("run", CONFIGS / f"{config}.yaml", "--set", "sequences=[evening_00]", "--out", tmp_path / "a")
@@ -112,7 +112,7 @@ def test_options_beat_set_and_set_beats_the_file(run_small):
 
 def test_a_built_map_gives_the_same_as_the_references(run_small, built):
     assert built.code == 0
-    assert built.lines == ["room: 20 places, panoramas of 120 x 48 pixels, model votes", str(built.folder)]
+    assert built.lines == ["room: 20 places, panoramas of 90 x 36 pixels, model votes", str(built.folder)]
     one, other = run_small(), run_small("--set", f"map={built.folder}")
     trajectories = [(done.folder / "noon_00" / "run_0" / "trajectory.tum").read_bytes() for done in (one, other)]
     assert trajectories[0] == trajectories[1]

@@ -64,6 +64,7 @@ def test_the_time_of_each_is_printed(panoloc):
     assert all(re.search(r" \d+\.\d\d s$", line) for line in done.lines)
 
 
+@pytest.mark.slow
 @interpreted
 def test_after_a_warmup_a_run_compiles_nothing(small_room, tmp_path):
     # An empty cache: building the map is part of it.

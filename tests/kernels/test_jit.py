@@ -50,6 +50,7 @@ def test_division_by_zero_is_as_in_numpy() -> None:
 
 
 @pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="is what this test starts")
+@pytest.mark.slow
 def test_kernels_agree_with_their_oracles_without_the_compiler() -> None:
     """The whole package must stand NUMBA_DISABLE_JIT=1: for debugging, and for coverage."""
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(HERE), "-k", "agree and not interpreted"]

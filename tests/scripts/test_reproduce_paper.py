@@ -30,6 +30,7 @@ def room(tmp_path_factory):
     return build_room(path, frames=6, geometry=PanoramaGeometry(90, 36, -50.0, 25.0), grid=grid, lights=("noon", "evening"))
 
 
+@pytest.mark.slow
 def test_the_quick_report_has_everything(script, room, own_cache, tmp_path, capsys):
     (room / "lux.csv").write_text("file,noon,evening_lux\n" + "".join(f"ref_{k}.png,{600 + k},{200 + k}\n" for k in range(20)))
     assert script.main(["--dataset", str(room), "--quick", "--out", str(tmp_path)]) == 0

@@ -49,6 +49,7 @@ def world(tiny_folder, simulation_cache):
         return World(build(scene, folder), "day", backend(), 64, quiet)
 
 
+@pytest.mark.slow
 def test_a_lamp_lights_as_the_formula_says(tiny_folder):
     text = (tiny_folder / "tiny_scene.yaml").read_text()
     scene, folder = load_scene(tiny_folder / "tiny_scene.yaml")
@@ -82,6 +83,7 @@ def test_turning_left_by_90_degrees_shifts_by_90_columns(world):
     assert np.abs(first - second.astype(float)).mean() > 3.0 * noise
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pose", [(0.0, 0.0, 0.0), (-1.0, 0.5, 0.7), (0.5, -1.0, -2.5)])
 def test_the_post_stands_where_geometry_says(world, world_with_a_black_post, pose):
     size = (720, 290)
