@@ -22,7 +22,8 @@ Vote fields do not depend on the seed, so each image is looked at once.
 
 Every rate is over runs, kidnaps or frames, with its Wilson 95 % interval. Definitions are those of ``panoloc_mcl.evaluation``.
 "After convergence" is from a run's first converged frame on. A kidnap is *noticed* when "lost" or "searching" is reported at one of
-its first three images.
+its first three images. What the status is worth: a pose is *right* under 0.5 m and 10 degrees and *wrong* above 1 m or 20 degrees;
+"lost" is justified when the pose is wrong, or at the first three images after a kidnap.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ from panoloc_mcl.datasets import Sequence as Drive
 from panoloc_mcl.datasets.splice import group_of, splice
 from panoloc_mcl.errors import ConfigError, PanolocError
 from panoloc_mcl.evaluation import SequenceRecord, evaluate, wilson95
-from panoloc_mcl.evaluation.definitions import is_within
+from panoloc_mcl.evaluation.definitions import is_bad, is_good, is_within
 from panoloc_mcl.evaluation.events import find_events
 from panoloc_mcl.evaluation.tables import PAPER_TABLE_2
 from panoloc_mcl.geometry import between, compose
@@ -369,6 +370,7 @@ def tables(records: Mapping[str, Sequence[SequenceRecord]], dataset: Dataset) ->
     if tracked:
         out.append(_accuracy_table(tracked))
     out += [_kidnap_table(some) for name, some in records.items() if CONDITIONS[name].kidnapped]
+    out.append(_status_table(records))
     if "kalman" in records:
         out.append(_paper_table(records["kalman"], dataset))
     return out
@@ -438,6 +440,38 @@ def _kidnap_table(records: Sequence[SequenceRecord]) -> str:
         ]
         rows.append(f"| {group} | {' | '.join(cells)} |")
     return "\n".join(rows)
+
+
+def _status_table(records: Mapping[str, Sequence[SequenceRecord]]) -> str:
+    """Precision and recall of "converged" and of "lost", frame by frame."""
+    rows = [
+        "| condition | group | 'converged': the pose is right | right poses called 'converged' | 'lost': justified | wrong poses after "
+        "convergence: 'lost' | not 'converged' |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for name, group, some in _parts(records):
+        good, wrong, status, since_kidnap, after = (np.concatenate(parts) for parts in zip(*map(_judged, some), strict=True))
+        late_enough = wrong & after
+        cells = [
+            rate(good[status == "converged"]),
+            rate(status[good] == "converged"),
+            rate((wrong | (since_kidnap < NOTICED_WITHIN))[status == "lost"]),
+            rate(status[late_enough] == "lost"),
+            rate(status[late_enough] != "converged"),
+        ]
+        rows.append(f"| {name} | {group} | {' | '.join(cells)} |")
+    return "\n".join(rows)
+
+
+def _judged(record: SequenceRecord) -> tuple[NDArray[Any], ...]:
+    """Of every frame: whether the pose is right, whether it is wrong, the status, images since a kidnap, whether it had converged."""
+    position, heading = record.position_error_m, record.heading_error_deg
+    assert position is not None
+    assert heading is not None
+    frames = np.arange(len(record))
+    kidnaps = np.maximum.accumulate(np.where(record.kidnapped, frames, -len(frames) - NOTICED_WITHIN))
+    first = len(record) if record.first_converged is None else record.first_converged
+    return is_good(position, heading), is_bad(position, heading), np.array(record.status), frames - kidnaps, frames >= first
 
 
 def _paper_table(records: Sequence[SequenceRecord], dataset: Dataset) -> str:

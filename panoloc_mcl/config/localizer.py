@@ -85,12 +85,12 @@ class MotionSettings(StrictModel):
         description="How long odometry that is older than the image is carried on, at its mean speed over as long a time before, s.",
     )
     max_speed_m_s: Positive | None = Field(
-        None,
+        20.0,
         le=1e3,
         description="Odometry that jumps faster than this is left out and told, m/s; null = unchecked. If what follows agrees with "
         "the jump, odometry has begun from a new origin and goes on from there.",
     )
-    max_turn_rate_deg_s: Positive | None = Field(None, le=1e5, description="The same for turns, degrees/s; null = unchecked.")
+    max_turn_rate_deg_s: Positive | None = Field(1440.0, le=1e5, description="The same for turns, degrees/s; null = unchecked.")
     clock_jump_s: Positive = Field(
         10.0,
         le=1e6,

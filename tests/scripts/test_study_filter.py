@@ -105,6 +105,20 @@ def test_late_images_come_in_another_order_with_odometry_ahead(script, small_roo
     assert orders == [1, 0, 3, 2, 5, 4]
 
 
+def test_what_a_status_is_worth(script):
+    """Frames: right and sure; teleported, wrong but sure; lost, still wrong; lost, right again; sure, right."""
+    truth = np.array([[0.0, 0.0, 0.0]] + [[5.0, 5.0, 0.0]] * 4)
+    poses = truth.copy()
+    poses[1:3] = 0.0
+    record = script.SequenceRecord(
+        "noon_00", 0, np.arange(5.0), poses, truth, ("converged", "converged", "lost", "lost", "converged"),
+        np.zeros(5, dtype=np.int64), np.zeros(5), np.arange(5) == 1,
+    )  # fmt: skip
+    row = script._status_table({"kidnap": [record]}).splitlines()[2]
+    shares = [cell.split(" %")[0].strip() for cell in row.split("|")[3:-1]]
+    assert shares == ["66.7", "66.7", "100.0", "50.0", "50.0"]
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
