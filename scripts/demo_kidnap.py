@@ -18,7 +18,11 @@ settings = {
     "sequences": ["evening_00"],
     "kidnap": {"every_frames": 10},
     "observation": {"votes": {"tolerance": 0.3, "refinement": {"enabled": False}}},
-    "localizer": {"monte_carlo": {"particles": 5000, "recovery": {"max_share": 0.1}}, "status": {"lost_match": 0.3}},
+    "localizer": {
+        "initial": "known_pose",
+        "monte_carlo": {"particles": 5000, "recovery": {"max_share": 0.1}},
+        "status": {"lost_match": 0.3},
+    },
 }
 
 outcome = run(config_from_mapping(settings, "demo"))

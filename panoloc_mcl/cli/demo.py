@@ -32,7 +32,11 @@ DEMOS: dict[str, dict[str, Any]] = {
         "sequences": ["evening_00"],
         "kidnap": {"every_frames": 10},
         "observation": {"votes": {**_OBSERVATION, "tolerance": 0.3}},
-        "localizer": {"monte_carlo": {"particles": 5000, "recovery": {"max_share": 0.1}}, "status": {"lost_match": 0.3}},
+        "localizer": {
+            "initial": "known_pose",
+            "monte_carlo": {"particles": 5000, "recovery": {"max_share": 0.1}},
+            "status": {"lost_match": 0.3},
+        },
     },
 }
 _STORY = {

@@ -17,6 +17,7 @@ from panoloc_mcl.evaluation.tables import metrics_table, paper_table
 from panoloc_mcl.geometry import FloatArray
 from panoloc_mcl.report import figures, plotly_script
 from panoloc_mcl.report.facts import DEFINITIONS, facts, title_of
+from panoloc_mcl.report.highlights import highlights, lead
 from panoloc_mcl.report.page import run_data
 from panoloc_mcl.report.rendering import source, template
 from panoloc_mcl.report.selection import pictured
@@ -66,6 +67,8 @@ def render_report(
     wide = metrics_table(metrics, by="sequences")
     return template("report.html.j2").render(
         title=title_of(run_info),
+        lead=lead(run_info, metrics["overall"]),
+        highlights=highlights(run_info, metrics["overall"]),
         facts=facts(run_info),
         tables=[table for table in (metrics_table(metrics), paper_table(metrics)) if table is not None],
         by_sequence=wide if len(metrics["sequences"]) > 1 else None,
@@ -92,7 +95,7 @@ def _data(records: Sequence[SequenceRecord], places: FloatArray, place_files: Se
             "files": list(place_files) or [""] * len(places),
         },
         "limits": {"position_m": GOOD_POSITION_M, "heading_deg": GOOD_HEADING_DEG},
-        "elevation": f"{elevation[0]:g}° (bottom) to {elevation[1]:g}° (top)",
+        "elevation": f"{elevation[0]:g}° (bottom) to {elevation[1]:g}° (top)".replace("-", "−"),
         # Panoramas are shown with equal scales of azimuth and elevation.
         "panorama_ratio": round(360.0 / max(elevation[1] - elevation[0], 1.0), 3),
         "runs": runs,

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.evaluation import SequenceRecord
+from panoloc_mcl.geometry import FloatArray
 from panoloc_mcl.observation import VoteField
 from panoloc_mcl.report import layout
 from panoloc_mcl.report.recording import FULL, Recording, thinned
@@ -18,6 +19,8 @@ from panoloc_mcl.report.sinks import Departure, Frame, Scene
 MOST_FRAMES = 600
 #: Particles that are kept of a frame.
 MOST_PARTICLES = 300
+#: Headings that votes are kept for.
+HEADINGS = 360
 _JPEG_QUALITY = 72
 
 
@@ -54,6 +57,7 @@ class FrameRecorder:
         self._rows: list[int] = []
         self._panoramas: list[bytes] = []
         self._votes: list[NDArray[np.uint8]] = []
+        self._heading_votes: list[NDArray[np.uint8]] = []
         self._peaks: list[float] = []
         self._particles: list[NDArray[np.float32]] = []
         self._references: dict[int, bytes] = {}
@@ -62,13 +66,14 @@ class FrameRecorder:
         """Keep one frame."""
         if not self._active or frame.row % self._every:
             return
-        votes, peak = _best_over_headings(frame.estimate.vote_field, len(self._scene.places))
+        votes, heading_votes, peak = _best_votes(frame.estimate.vote_field, len(self._scene.places))
         best = frame.estimate.best_place
         if best >= 0 and best not in self._references:
             self._references[best] = _jpeg(self._scene.references.pixels[best])
         self._rows.append(frame.row)
         self._panoramas.append(b"" if frame.panorama is None else _jpeg(frame.panorama))
         self._votes.append(votes)
+        self._heading_votes.append(heading_votes)
         self._peaks.append(peak)
         self._particles.append(thinned(frame.particles, frame.weights, MOST_PARTICLES))
 
@@ -89,6 +94,7 @@ class FrameRecorder:
             places=self._scene.places.positions,
             spacing=self._scene.places.spacing,
             votes=np.array(self._votes, dtype=np.uint8).reshape(len(self._rows), -1),
+            heading_votes=np.array(self._heading_votes, dtype=np.uint8).reshape(len(self._rows), -1),
             peaks=np.array(self._peaks),
             prior=self._prior,
             particles=np.array(self._particles, dtype=np.float32).reshape(len(self._rows), -1, 3),
@@ -102,15 +108,27 @@ class FrameRecorder:
         """Nothing is left open."""
 
 
-def _best_over_headings(votes: VoteField | None, places: int) -> tuple[NDArray[np.uint8], float]:
-    """Most votes of each place in bytes, and what the largest of them stands for."""
-    if votes is None or not votes.informative:
-        return np.zeros(places, dtype=np.uint8), 0.0
-    best = votes.votes.max(axis=0)
-    peak = float(best.max())
-    if peak <= 0.0:
-        return np.zeros(places, dtype=np.uint8), 0.0
-    return np.asarray(np.rint(best * (FULL / peak)), dtype=np.uint8), peak
+def _best_votes(field: VoteField | None, places: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8], float]:
+    """Most votes of each place and of each heading in bytes, and what the largest of them stands for."""
+    peak = 0.0 if field is None or not field.informative else float(field.votes.max())
+    if field is None or peak <= 0.0:
+        return np.zeros(places, dtype=np.uint8), np.zeros(HEADINGS, dtype=np.uint8), 0.0
+    return _in_bytes(field.votes.max(axis=0), peak), _in_bytes(_over_headings(field), peak), peak
+
+
+def _over_headings(field: VoteField) -> FloatArray:
+    """Most votes over the places for `HEADINGS` headings, counter-clockwise from 0; 0 where nothing was asked."""
+    best = field.votes.max(axis=1).astype(np.float64)
+    if field.full_circle:
+        asked = 2.0 * np.pi * np.arange(HEADINGS) / HEADINGS
+        return np.asarray(np.interp(asked, field.headings, best, period=2.0 * np.pi), dtype=np.float64)
+    votes = np.zeros(HEADINGS)
+    np.maximum.at(votes, np.rint(field.headings / (2.0 * np.pi) * HEADINGS).astype(np.int64) % HEADINGS, best)
+    return votes
+
+
+def _in_bytes(votes: NDArray[np.floating], peak: float) -> NDArray[np.uint8]:
+    return np.asarray(np.rint(votes * (FULL / peak)), dtype=np.uint8)
 
 
 def _jpeg(pixels: NDArray[np.uint8]) -> bytes:

@@ -1,6 +1,6 @@
 """``frames.npz``: what a run looked like, frame by frame, small enough to be kept and to be put into a page.
 
-Panoramas are JPEGs, votes one byte a place, particles a few hundred of all.
+Panoramas are JPEGs, votes one byte a place and a heading, particles a few hundred of all.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from panoloc_mcl.errors import ResultsError
 from panoloc_mcl.files import read_arrays, write_arrays
 from panoloc_mcl.geometry import FloatArray
 
-FORMAT = "panoloc-frames/1"
+FORMAT = "panoloc-frames/2"
 #: The largest value of a vote in one byte.
 FULL = 255
 
@@ -38,6 +38,8 @@ class Recording:
         Distance of neighbouring places, metres.
     votes : uint8 (m, k)
         Most votes over the headings, as a share of ``peaks``.
+    heading_votes : uint8 (m, h)
+        Most votes over the places for h headings, counter-clockwise from 0, as a share of ``peaks``.
     peaks : float64 (m,)
         Votes that 255 stands for; 0 where the image said nothing.
     prior : float32 (n, 3)
@@ -55,6 +57,7 @@ class Recording:
     places: FloatArray
     spacing: float
     votes: NDArray[np.uint8]
+    heading_votes: NDArray[np.uint8]
     peaks: FloatArray
     prior: NDArray[np.float32]
     particles: NDArray[np.float32]
@@ -83,6 +86,16 @@ class Recording:
         """Votes of the places at one frame, float64 (k,)."""
         return np.asarray(self.votes[frame] * (self.peaks[frame] / FULL), dtype=np.float64)
 
+    @property
+    def vote_range(self) -> tuple[float, float]:
+        """Votes that any place gets by chance, and those that the best place of an ordinary frame gets."""
+        peaks = self.peaks[self.peaks > 0.0]
+        if not len(peaks):
+            return 0.0, 1.0
+        most = float(np.median(peaks))
+        chance = float(np.median(self.votes * self.peaks[:, None])) / FULL
+        return min(chance, 0.5 * most), most
+
     def save(self, path: Path) -> None:
         """Write it.
 
@@ -102,6 +115,7 @@ class Recording:
                 "panorama_ends": panorama_ends,
                 "places": self.places,
                 "votes": self.votes,
+                "heading_votes": self.heading_votes,
                 "peaks": self.peaks,
                 "prior": self.prior,
                 "particles": self.particles,
@@ -136,6 +150,7 @@ class Recording:
                 places=np.asarray(arrays["places"], dtype=np.float64),
                 spacing=float(header["spacing"]),
                 votes=np.asarray(arrays["votes"], dtype=np.uint8),
+                heading_votes=np.asarray(arrays["heading_votes"], dtype=np.uint8),
                 peaks=np.asarray(arrays["peaks"], dtype=np.float64),
                 prior=np.asarray(arrays["prior"], dtype=np.float32),
                 particles=np.asarray(arrays["particles"], dtype=np.float32),
@@ -144,7 +159,8 @@ class Recording:
             )
         except (LookupError, ValueError, TypeError) as error:
             raise ResultsError(f"{path}: the recorded frames are damaged ({error}); run again") from error
-        shapes = (len(recording.panoramas), len(recording.votes), len(recording.peaks), len(recording.particles))
+        frames = (recording.panoramas, recording.votes, recording.heading_votes, recording.peaks, recording.particles)
+        shapes = tuple(len(part) for part in frames)
         if set(shapes) != {len(recording)} or recording.votes.shape[1:] != recording.places.shape[:1]:
             raise ResultsError(f"{path}: the recorded frames are damaged (lengths differ); run again")
         return recording

@@ -121,7 +121,7 @@ def test_a_built_map_gives_the_same_as_the_references(run_small, built):
 def test_tracking_with_the_kalman_filter_stands_beside_the_paper(run_small):
     done = run_small(config="kalman")
     assert done.code == 0, done.err
-    assert "Beside Table 2 of the paper" in done.out
+    assert "Beside Table 2 of Steinbauer & Bischof (2004)" in done.out
 
 
 @pytest.mark.parametrize(

@@ -3,8 +3,9 @@
 from panoloc_mcl.report.figures.animation import animation
 from panoloc_mcl.report.figures.overview import draw_overview
 from panoloc_mcl.report.figures.runs import draw_errors, draw_trajectory, errors_svg, trajectory_svg
-from panoloc_mcl.report.figures.scene import Shot, draw_frame
+from panoloc_mcl.report.figures.scene import Shot
 from panoloc_mcl.report.figures.series import draw_series
+from panoloc_mcl.report.figures.stage import draw_frame
 from panoloc_mcl.report.figures.style import FORMATS, can_draw, need_matplotlib, style, write_figure
 
 __all__ = [

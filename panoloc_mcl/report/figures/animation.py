@@ -8,15 +8,16 @@ from pathlib import Path
 from panoloc_mcl.errors import OutputError
 from panoloc_mcl.files import write_atomically
 from panoloc_mcl.progress import Progress, no_progress
-from panoloc_mcl.report.figures.scene import Shot, Stage
-from panoloc_mcl.report.figures.style import ORANGE, RED, VOTE_COLORS, style
+from panoloc_mcl.report.figures.scene import Shot
+from panoloc_mcl.report.figures.stage import Stage
+from panoloc_mcl.report.figures.style import ORANGE, RED, STATUS_COLORS, VOTE_COLORS, style
 
 _FIRST_MS, _FRAME_MS, _LAST_MS = 1500, 450, 2500
 #: A moving picture of more frames is large and nobody watches it to the end.
 MOST_FRAMES = 80
 
 
-def animation(shot: Shot, path: Path, progress: Progress = no_progress, dpi: int = 80) -> None:
+def animation(shot: Shot, path: Path, progress: Progress = no_progress, dpi: int = 90) -> None:
     """Write a GIF of the recorded frames, from before the first image on.
 
     Parameters
@@ -26,7 +27,7 @@ def animation(shot: Shot, path: Path, progress: Progress = no_progress, dpi: int
         Ends in ``.gif``.
     progress : callable (done, total, what)
     dpi : int
-        Dots an inch, of 6.4 inches.
+        Dots an inch, of 9.6 inches.
 
     Raises
     ------
@@ -60,12 +61,14 @@ def animation(shot: Shot, path: Path, progress: Progress = no_progress, dpi: int
 
 
 def _palette() -> list[int]:
-    """The same 256 colours for all frames: greys of the images, blues of the votes, and what is drawn in colour, with its edges."""
-    from matplotlib.colors import LinearSegmentedColormap
+    """The same 256 colours for all frames: images, votes, statuses, what is drawn in colour with its edges."""
+    from matplotlib.colors import LinearSegmentedColormap, to_rgba
 
     greys = LinearSegmentedColormap.from_list("greys", ["black", "white"])
     votes = LinearSegmentedColormap.from_list("votes", list(VOTE_COLORS))
-    colors = [greys(i / 127) for i in range(128)] + [votes(i / 79) for i in range(80)]
+    colors = (
+        [greys(i / 127) for i in range(128)] + [votes(i / 75) for i in range(76)] + [to_rgba(c) for c in STATUS_COLORS.values()]
+    )
     for drawn in (ORANGE, RED):
         edges = LinearSegmentedColormap.from_list("edges", [drawn, VOTE_COLORS[1], "white"])
         colors += [edges(i / 23) for i in range(24)]

@@ -9,7 +9,9 @@
     ambiguous: ["#f0e442", "ambiguous"], lost: ["#d55e00", "lost"],
   };
   const STAGES = ["#0072b2", "#e69f00", "#56b4e9", "#f0e442", "#009e73", "#d55e00"];
-  const TRUTH_SIZE = 13, FRAME_MS = 350;
+  const FRAME_MS = 350;
+  // Lengths of the lines that show a heading, as shares of the map's larger side.
+  const POINTER = 0.07, PARTICLE = 0.025;
   let run = data.runs[0], frame = 0, timer = null, frames = null;
 
   // ---- packed data ----
@@ -34,14 +36,16 @@
     xaxis: axis("x [m]", { constrain: "domain" }), yaxis: axis("y [m]", { scaleanchor: "x", scaleratio: 1, constrain: "domain" }),
   });
   const bar = (title, more) => ({
-    title: { text: title, side: "top" }, orientation: "h", x: 0.5, y: -0.16, yanchor: "top", thickness: 10, len: 0.9, outlinewidth: 0, ...more,
+    title: { text: title, side: "top" }, orientation: "h", x: 0.5, y: -56 / (mapHeight() - 136), yanchor: "top", thickness: 10, len: 0.9, outlinewidth: 0, ...more,
   });
   const metres = (value) => (value >= 1 ? `${value.toFixed(2)} m` : value >= 0.01 ? `${(100 * value).toFixed(1)} cm` : `${(1000 * value).toFixed(1)} mm`);
   const mapHeight = () => {
     const r = run.recording ? run.recording.bounds : null;
     const ratio = r ? (r[3] - r[1]) / (r[2] - r[0]) : 0.8;
     const width = element("trajectory").clientWidth || 360;
-    return Math.round(Math.min(Math.max(ratio * (width - 70), 220), 620) + 150);
+    // As much as fits below the controls, so that a player can be watched without scrolling.
+    const most = narrow() ? 620 : Math.min(Math.max(innerHeight - 470, 300), 620);
+    return Math.round(Math.min(Math.max(ratio * (width - 70), 220), most) + 160);
   };
   const places = (size) => ({
     x: data.places.x, y: data.places.y, type: "scatter", mode: "markers", name: "references", hoverinfo: "text",
@@ -75,7 +79,7 @@
           colorbar: bar("position error", { tickvals: [-3, -2, -1, 0, 1], ticktext: ["≤ 1 mm", "1 cm", "10 cm", "1 m", "10 m"] }) }),
       },
     });
-    draw("trajectory", traces, layout(mapHeight(), { ...equal(), margin: { l: 56, r: 12, t: 40, b: 90 } }));
+    draw("trajectory", traces, layout(mapHeight(), { ...equal(), margin: { l: 56, r: 12, t: 40, b: 96 } }));
   }
 
   const teleports = () => run.teleports.map((t) => ({
@@ -98,19 +102,22 @@
   });
 
   function drawStatus() {
-    const [, end] = span(), traces = [];
+    const [, end] = span(), traces = [], spells = [];
+    run.status.forEach((status, i) => {
+      const before = spells[spells.length - 1];
+      if (!before || before.status !== status) spells.push({ status, start: run.seconds[i] });
+    });
+    spells.forEach((spell, i) => { spell.end = i + 1 < spells.length ? spells[i + 1].start : end; });
     for (const [status, [color, name]] of Object.entries(STATUS)) {
-      const base = [], x = [];
-      run.status.forEach((s, i) => {
-        if (s === status) { base.push(run.seconds[i]); x.push((i + 1 < run.seconds.length ? run.seconds[i + 1] : end) - run.seconds[i]); }
-      });
+      const those = spells.filter((spell) => spell.status === status);
+      const base = those.map((spell) => spell.start), x = those.map((spell) => spell.end - spell.start);
       traces.push({
         type: "bar", orientation: "h", name, base, x: x.length ? x : [null], y: (x.length ? x : [0]).map(() => "status"), width: 0.8,
         marker: { color, line: { width: 0 }, pattern: { shape: { searching: "/", converged: "", ambiguous: "x", lost: "\\" }[status], solidity: 0.2, fillmode: "overlay", fgcolor: "rgba(0,0,0,0.55)", size: 7 } },
         hovertemplate: `${name} from %{base} s<extra></extra>`,
       });
     }
-    over("status", traces, "", 130, { barmode: "overlay", yaxis: { showticklabels: false, showgrid: false, fixedrange: true } });
+    over("status", traces, "", 112, { barmode: "overlay", yaxis: { showticklabels: false, showgrid: false, fixedrange: true } });
   }
 
   function drawOverTime() {
@@ -121,8 +128,8 @@
       const floor = (values, least) => values.map((v) => Math.max(v, least));
       const decades = { type: "log", exponentformat: "none", dtick: 1 };
       const { position_m, heading_deg } = data.limits;
-      over("position-error", [line(floor(run.position_error, 1e-4), "position error", css("--blue"))], "position error [m]", 240,
-        { yaxis: decades, shapes: [...teleports(), limit(position_m)] });
+      over("position-error", [line(floor(run.position_error, 1e-4), "position error", css("--blue"))], "position error [m]", 190,
+        { yaxis: decades, showlegend: false, margin: { l: 62, r: 12, t: 8, b: 44 }, shapes: [...teleports(), limit(position_m)] });
       over("heading-error", [line(floor(run.heading_error, 1e-3), "heading error", css("--blue"))], "heading error [°]", 240,
         { yaxis: decades, shapes: [...teleports(), limit(heading_deg)] });
     }
@@ -131,32 +138,46 @@
     over("heading", headings, "heading [°]", 240, { yaxis: { range: [-185, 185], dtick: 90 } });
     over("n-eff", [line(run.n_eff, "N<sub>eff</sub>", css("--blue")), line(run.particles, "particles", css("--orange"), { line: { color: css("--orange"), dash: "dot" } })],
       "particles", 240, { yaxis: { rangemode: "tozero" } });
+    // The first image may be slow, as kernels are loaded: it must not flatten the others.
+    const names = Object.keys(run.stages);
+    const totals = run.seconds.map((_, i) => names.reduce((sum, name) => sum + (run.stages[name][i] || 0), 0));
+    const ordered = [...totals].sort((a, b) => a - b), high = 1.6 * ordered[Math.floor(0.9 * (ordered.length - 1))];
+    const cut = totals.map((total, i) => i).filter((i) => totals[i] > high);
     over("stages", Object.entries(run.stages).map(([name, ms], i) => ({
       x: run.seconds, y: ms, name, type: "bar", marker: { color: STAGES[i % STAGES.length] },
-    })), "time of one image [ms]", 260, { barmode: "stack", bargap: 0.1 });
+    })), "time of one image [ms]", 260, {
+      barmode: "stack", bargap: 0.1, yaxis: { range: [0, cut.length ? high : 1.05 * ordered[ordered.length - 1]] },
+      legend: { orientation: "h", x: 0, xanchor: "left", y: 1.02, yanchor: "bottom", traceorder: "normal" },
+      // Of many that are cut off, only the largest is named.
+      annotations: (cut.length > 3 ? [cut.reduce((a, b) => (totals[a] > totals[b] ? a : b))] : cut).map((i) => ({
+        x: run.seconds[i], y: 1, yref: "paper", yanchor: "top", xanchor: "left", xshift: 6, showarrow: false, text: `↑ ${Math.round(totals[i])} ms`,
+      })),
+    });
   }
 
   // ---- the player ----
   function unpack(r) {
     const cells = r.raster.rows * r.raster.columns, count = r.particle_count, [x0, y0, x1, y1] = r.bounds;
-    const onMap = bytes(r.on_map), votes = bytes(r.votes), packed = shorts(r.particles), prior = shorts(r.prior);
+    const onMap = bytes(r.on_map), votes = bytes(r.votes), headings = bytes(r.heading_votes), packed = shorts(r.particles), prior = shorts(r.prior);
     const steps = (n, first) => Array.from({ length: n }, (_, i) => first + i * r.raster.step);
     const cloud = (from, start) => {
-      const x = [], y = [], angle = [];
+      const x = [], y = [], tailX = [], tailY = [], length = PARTICLE * Math.max(x1 - x0, y1 - y0);
       for (let i = 0; i < count; i++) {
         const at = start + 3 * i;
-        x.push(x0 + (x1 - x0) * from[at] / 65535); y.push(y0 + (y1 - y0) * from[at + 1] / 65535);
-        angle.push(90 - 360 * from[at + 2] / 65535);
+        const atX = x0 + (x1 - x0) * from[at] / 65535, atY = y0 + (y1 - y0) * from[at + 1] / 65535, turn = 2 * Math.PI * from[at + 2] / 65535;
+        x.push(atX); y.push(atY);
+        tailX.push(atX, atX + length * Math.cos(turn), null); tailY.push(atY, atY + length * Math.sin(turn), null);
       }
-      return { x, y, angle };
+      return { x, y, tailX, tailY };
     };
     return {
       x: steps(r.raster.columns, r.raster.x), y: steps(r.raster.rows, r.raster.y),
-      most: Math.max(...r.peaks, 1e-6), prior: count > 0 ? 1 : 0,
+      side: Math.max(x1 - x0, y1 - y0), prior: count > 0 ? 1 : 0,
       votes: (i) => Array.from({ length: r.raster.rows }, (_, row) => Array.from({ length: r.raster.columns }, (_, column) => {
         const cell = row * r.raster.columns + column;
         return onMap[cell] ? (i < 0 ? 0 : votes[i * cells + cell] / 255 * r.peaks[i]) : null;
       })),
+      headings: (i) => Array.from({ length: r.headings }, (_, k) => (i < 0 ? 0 : headings[i * r.headings + k] / 255 * r.peaks[i])),
       particles: (i) => (i < 0 ? cloud(prior, 0) : cloud(packed, 3 * count * i)),
     };
   }
@@ -171,29 +192,33 @@
 
   function mapTraces() {
     const r = run.recording, i = shown(), cloud = frames.particles(i);
+    const [chance, most] = r.vote_range;
     const traces = [{
-      type: "heatmap", name: "votes", x: frames.x, y: frames.y, z: frames.votes(i), zmin: 0, zmax: frames.most, colorscale: scale(),
+      type: "heatmap", name: "votes", x: frames.x, y: frames.y, z: frames.votes(i), zmin: chance, zmax: most, colorscale: scale(),
       hovertemplate: "x %{x:.2f} m, y %{y:.2f} m<br>votes %{z:.3f}<extra></extra>", colorbar: bar("votes of the best heading"),
     }, places(6)];
     if (run.truth) traces.push(truthLine());
-    traces.push({
-      type: "scatter", mode: "markers", name: "particles", x: cloud.x, y: cloud.y, hoverinfo: "skip",
-      marker: { symbol: "arrow", angle: cloud.angle, size: 7, color: css("--orange"), opacity: 0.75 },
-    });
-    const at = (pose, color, symbol, size, name) => ({
-      type: "scatter", mode: "markers", name, hoverinfo: "name", x: i < 0 ? [] : [pose.x[i]], y: i < 0 ? [] : [pose.y[i]],
-      marker: { symbol, size, color, angle: i < 0 ? 0 : 90 - pose.heading[i], standoff: -size / 2, line: { width: 2, color: css("--page") } },
-    });
+    const group = (name) => ({ type: "scatter", name, hoverinfo: "skip" });
+    if (run.recording.particle_count) {
+      traces.push({ ...group("headings of particles"), x: cloud.tailX, y: cloud.tailY, mode: "lines", showlegend: false, line: { color: css("--orange"), width: 1 } });
+      traces.push({ ...group("particles"), x: cloud.x, y: cloud.y, mode: "markers", marker: { size: 4.5, color: css("--orange") } });
+    }
     const best = i < 0 ? -1 : r.best_place[i];
     traces.push({
-      type: "scatter", mode: "markers", name: "best reference", hoverinfo: "name", x: best < 0 ? [] : [data.places.x[best]], y: best < 0 ? [] : [data.places.y[best]],
+      ...group("best reference"), mode: "markers", x: [best < 0 ? null : data.places.x[best]], y: [best < 0 ? null : data.places.y[best]],
       marker: { symbol: "square-open", size: 15, color: css("--ink"), line: { width: 2, color: css("--ink") } },
     });
-    traces.push(at(r.pose, css("--red"), "arrow", 19, "estimate"));
-    if (r.truth) {
-      traces.push({ ...at(r.truth, css("--ink"), "circle-open", TRUTH_SIZE + 5, "truth"),
-        marker: { symbol: "circle-open", size: TRUTH_SIZE + 9, color: css("--ink"), line: { width: 2.2, color: css("--ink") } } });
-    }
+    // A dot or a ring with a line ahead; the line of the estimate on a ground of its own, as it lies among the particles.
+    const pointer = (pose, name, color, marker) => {
+      const turn = i < 0 ? 0 : pose.heading[i] * Math.PI / 180, length = POINTER * frames.side;
+      const x = i < 0 ? [null] : [pose.x[i], pose.x[i] + length * Math.cos(turn)];
+      const y = i < 0 ? [null] : [pose.y[i], pose.y[i] + length * Math.sin(turn)];
+      const ahead = { ...group(`heading of ${name}`), x, y, mode: "lines", showlegend: false };
+      traces.push({ ...ahead, line: { color: css("--page"), width: 6 } }, { ...ahead, line: { color, width: 3 } });
+      traces.push({ ...group(name), x: [x[0]], y: [y[0]], mode: "markers", marker });
+    };
+    if (r.truth) pointer(r.truth, "truth", css("--ink"), { symbol: "circle-open", size: 17, color: css("--ink"), line: { width: 2.2, color: css("--ink") } });
+    pointer(r.pose, "estimate", css("--red"), { size: 11, color: css("--red"), line: { width: 1.5, color: css("--page") } });
     return traces;
   }
 
@@ -204,21 +229,57 @@
     box.classList.toggle("empty", !image);
   };
 
+  // How well the image fits each heading, at its best place.
+  function drawHeadings() {
+    const r = run.recording, i = shown(), count = r.headings, half = Math.floor(count / 2);
+    const turned = Array.from({ length: count + 1 }, (_, k) => (k - half) * 360 / count);
+    const votes = frames.headings(i), at = (name, pose, color, dash) => ({
+      type: "scatter", mode: "lines", name, hoverinfo: "name", x: i < 0 ? [null] : [pose.heading[i], pose.heading[i]], y: i < 0 ? [null] : [0, top],
+      line: { color, width: 2, dash },
+    });
+    const top = 1.05 * Math.max(...r.peaks, 1e-6);
+    const traces = [{
+      type: "scatter", mode: "lines", name: "votes", x: turned, y: turned.map((_, k) => votes[(k - half + count) % count]), fill: "tozeroy",
+      line: { color: css("--blue"), width: 1.2 }, hovertemplate: "%{x:.0f}°: %{y:.3f}<extra></extra>",
+    }];
+    if (r.truth) traces.push(at("truth", r.truth, css("--ink"), "dot"));
+    traces.push(at("estimate", r.pose, css("--red"), "solid"));
+    draw("headings", traces, layout(150, {
+      xaxis: axis("heading in the map, left positive [°]", { range: [180, -180], tickvals: [180, 90, 0, -90, -180] }), yaxis: axis("votes", { range: [0, top], nticks: 4 }),
+      margin: { l: 62, r: 26, t: 26, b: 40 },
+    }));
+  }
+
+  // A line at the time of the frame that is shown, in the plots beside the map.
+  function drawCursor() {
+    const i = shown(), now = run.recording.seconds[Math.max(i, 0)];
+    for (const id of ["status", "position-error"]) {
+      const plot = element(id);
+      if (plot.hidden) continue;
+      const others = plot.layout.shapes.filter((shape) => shape.name !== "cursor");
+      const cursor = { name: "cursor", type: "line", x0: now, x1: now, yref: "paper", y0: 0, y1: 1, line: { color: css("--ink"), width: 2 } };
+      Plotly.relayout(plot, { shapes: i < 0 ? others : [...others, cursor] });
+    }
+  }
+
   function drawFrame() {
     const r = run.recording, i = shown(), [x0, y0, x1, y1] = r.bounds;
-    const plan = layout(mapHeight() + (narrow() ? 60 : 20), { ...equal(), margin: { l: 56, r: 12, t: narrow() ? 90 : 50, b: 90 }, uirevision: run.title });
+    const plan = layout(mapHeight() + (narrow() ? 30 : 10), { ...equal(), margin: { l: 56, r: 12, t: narrow() ? 72 : 50, b: 96 }, uirevision: run.title });
     plan.xaxis.range = [x0, x1]; plan.yaxis.range = [y0, y1];
     draw("map", mapTraces(), plan);
+    drawHeadings();
+    drawCursor();
     // Heading in the middle; the reference turned as the robot is, so that both show the same directions.
     fill("panorama", i < 0 ? "" : r.panoramas[i], 0.5);
     const best = i < 0 ? -1 : r.best_place[i];
     fill("reference", best < 0 ? "" : r.references[best], i < 0 ? 0.5 : 0.5 + r.pose.heading[i] / 360);
-    element("reference-name").textContent = best < 0 ? "" : `: ${best}${data.places.files[best] ? ` (${data.places.files[best]})` : ""}, turned to the estimated heading`;
+    element("reference-name").textContent = best < 0 ? "" : `: ${data.places.files[best] || best}`;
     const total = r.seconds.length;
     let text = "before the first image";
     if (i >= 0) {
-      text = `frame ${i + 1} of ${total}, ${r.seconds[i]} s: ${r.status[i]}`;
+      text = `frame ${i + 1} of ${total}, ${r.seconds[i].toFixed(2)} s: ${r.status[i]}`;
       if (r.position_error) text += `, error ${metres(r.position_error[i])}, ${r.heading_error[i].toFixed(2)}°`;
+      if (run.teleports.includes(r.seconds[i])) text += "; carried away just before";
       if (r.message[i]) text += `; ${r.message[i]}`;
     }
     element("caption").textContent = text;
@@ -240,9 +301,9 @@
     stop();
     run = data.runs[index];
     const recorded = run.recording !== null && run.recording.seconds.length > 0;
-    element("player").hidden = !recorded;
+    element("player").classList.toggle("still", !recorded);
+    frames = recorded ? unpack(run.recording) : null;
     if (recorded) {
-      frames = unpack(run.recording);
       element("slider").max = last();
       frame = 0;
     }
@@ -251,18 +312,30 @@
   function drawAll() {
     drawTrajectory();
     drawOverTime();
-    if (!element("player").hidden) drawFrame();
+    if (frames) drawFrame();
   }
 
   element("play").addEventListener("click", toggle);
   element("slider").addEventListener("input", (event) => { stop(); show(Number(event.target.value)); });
   element("run").addEventListener("change", (event) => choose(Number(event.target.value)));
   addEventListener("keydown", (event) => {
-    if (element("player").hidden || event.ctrlKey || event.altKey || event.metaKey || event.target.tagName === "SELECT") return;
+    if (!frames || event.ctrlKey || event.altKey || event.metaKey || event.target.tagName === "SELECT") return;
     const step = { ArrowRight: 1, ArrowLeft: -1, Home: -Infinity, End: Infinity }[event.key];
     if (step !== undefined) { stop(); show(frame + step); } else if (event.key === " ") toggle(); else return;
     event.preventDefault();
   });
+  // A click on the time goes to the frame of that time.
+  for (const id of ["status", "position-error"]) {
+    element(id).addEventListener("click", (event) => {
+      const plot = element(id), axes = plot._fullLayout.xaxis, at = axes.p2d(event.clientX - plot.getBoundingClientRect().left - axes._offset);
+      if (!frames || !Number.isFinite(at)) return;
+      const seconds = run.recording.seconds;
+      let nearest = 0;
+      seconds.forEach((second, i) => { if (second <= at) nearest = i; });
+      stop();
+      show(nearest + frames.prior);
+    });
+  }
   let waiting = null;
   const again = () => { clearTimeout(waiting); waiting = setTimeout(drawAll, 150); };
   let width = innerWidth;
