@@ -45,11 +45,12 @@ def execute(args: argparse.Namespace) -> int:
 def _own(path: Path, args: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
     from panoloc_mcl.evaluation import evaluate
     from panoloc_mcl.report import print_metrics, read_results, rewrite_figures, same_metrics
+    from panoloc_mcl.report.facts import as_in_the_paper
 
     results = read_results(path)
     metrics = evaluate(results.records, results.place_positions)
     if not args.json:
-        print_metrics(metrics, beside_paper=results.run_info.get("mode") == "kalman_orientation")
+        print_metrics(metrics, beside_paper=as_in_the_paper(results.run_info))
     if args.write:
         rewrite_figures(results, metrics)
     elif not same_metrics(metrics, results.metrics):

@@ -69,7 +69,8 @@ def print_outcome(outcome: Outcome, config: RunConfig, *, as_json: bool) -> None
     if as_json:
         print(strict_json({"folder": str(outcome.folder), "metrics": outcome.metrics}), end="")
         return
-    print_metrics(outcome.metrics, beside_paper=config.localizer.mode == "kalman_orientation")
+    tracked = config.localizer.mode == "kalman_orientation" and not config.kidnap.every_frames
+    print_metrics(outcome.metrics, beside_paper=tracked)
     print(outcome.folder)
 
 

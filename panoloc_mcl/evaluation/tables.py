@@ -81,16 +81,14 @@ def paper_table(metrics: Mapping[str, Any]) -> Table | None:
     Returns
     -------
     Table or None
-        A section for each of the groups noon, afternoon and evening that was run; None when none of them was. Runs in which the
-        robot is carried away are left out: the paper has none.
+        A section for each of the groups noon, afternoon and evening that was run; None when none of them was.
     """
-    groups = metrics["groups"]
-    lights = [light for light in PAPER_TABLE_2 if light in groups and not groups[light]["kidnap"]["events"]]
+    lights = [light for light in PAPER_TABLE_2 if light in metrics["groups"]]
     if not lights:
         return None
     sections = []
     for light in lights:
-        pair = (_paper_figures(light), groups[light])
+        pair = (_paper_figures(light), metrics["groups"][light])
         rows = tuple(Row(f.label, f.unit, tuple(f.text(part) for part in pair)) for f in _PAPER_FIGURES)
         sections.append(Section(light.capitalize(), rows))
     return Table("Beside Table 2 of Steinbauer & Bischof (2004)", ("paper", "here"), tuple(sections))

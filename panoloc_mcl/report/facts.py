@@ -6,6 +6,8 @@ import shlex
 from collections.abc import Mapping
 from typing import Any
 
+from panoloc_mcl.evaluation.tables import Table, metrics_table, paper_table
+
 #: Keys of ``run.json`` that are shown, in this order, with what to call them. What is not there is left out.
 _SHOWN = {
     "started": "started",
@@ -29,6 +31,17 @@ DEFINITIONS = (
     "Sure but wrong: converged with an error above 1.0 m or 20°; lost: such an error for more than 3 s once localised; "
     "recovered: back within 0.5 m and 10° for 10 s; p95: 95 % of the frames are at most that; intervals of rates: Wilson 95 %.",
 )
+
+
+def as_in_the_paper(run_info: Mapping[str, Any]) -> bool:
+    """Whether a run may stand beside the paper's Table 2: its tracker, and nobody carries the robot away."""
+    return run_info.get("mode") == "kalman_orientation" and not run_info.get("kidnap_every_frames")
+
+
+def tables_of(metrics: Mapping[str, Any], run_info: Mapping[str, Any]) -> list[Table]:
+    """The figures by group, and beside the paper's where a run is like its own."""
+    beside = paper_table(metrics) if as_in_the_paper(run_info) else None
+    return [metrics_table(metrics), *([] if beside is None else [beside])]
 
 
 def title_of(run_info: Mapping[str, Any]) -> str:

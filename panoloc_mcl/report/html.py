@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike
 
 from panoloc_mcl.evaluation.definitions import GOOD_HEADING_DEG, GOOD_POSITION_M
 from panoloc_mcl.evaluation.record import SequenceRecord
-from panoloc_mcl.evaluation.tables import metrics_table, paper_table
+from panoloc_mcl.evaluation.tables import metrics_table
 from panoloc_mcl.geometry import FloatArray
 from panoloc_mcl.report import figures, plotly_script
-from panoloc_mcl.report.facts import DEFINITIONS, facts, title_of
+from panoloc_mcl.report.facts import DEFINITIONS, facts, tables_of, title_of
 from panoloc_mcl.report.highlights import highlights, lead
 from panoloc_mcl.report.page import run_data
 from panoloc_mcl.report.rendering import source, template
@@ -70,7 +70,7 @@ def render_report(
         lead=lead(run_info, metrics["overall"]),
         highlights=highlights(run_info, metrics["overall"]),
         facts=facts(run_info),
-        tables=[table for table in (metrics_table(metrics), paper_table(metrics)) if table is not None],
+        tables=tables_of(metrics, run_info),
         by_sequence=wide if len(metrics["sequences"]) > 1 else None,
         can_draw=can_draw,
         pictures=[_picture(record, places) for record in chosen] if can_draw else [],

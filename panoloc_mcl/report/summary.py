@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from panoloc_mcl.evaluation.tables import metrics_table, paper_table
-from panoloc_mcl.report.facts import DEFINITIONS, facts, title_of
+from panoloc_mcl.report.facts import DEFINITIONS, facts, tables_of, title_of
 from panoloc_mcl.report.rendering import template
 
 
@@ -21,7 +20,6 @@ def render_summary(metrics: Mapping[str, Any], run_info: Mapping[str, Any]) -> s
         As for ``run.json``; of it name, started, dataset, sequences, mode, initial, model, seed, runs,
         kidnap_every_frames, command, versions, machine and threads are shown where they are given.
     """
-    tables = [table for table in (metrics_table(metrics), paper_table(metrics)) if table is not None]
     return template("summary.md.j2").render(
-        title=title_of(run_info), facts=facts(run_info), tables=tables, definitions=DEFINITIONS
+        title=title_of(run_info), facts=facts(run_info), tables=tables_of(metrics, run_info), definitions=DEFINITIONS
     )
