@@ -63,6 +63,31 @@ def test_axes_have_units_and_legends_cover_nothing(make_record, places, numbers,
             assert min(overlap) < 2.0, "the legend covers data"
 
 
+def test_the_legend_of_the_status_has_the_colors_of_the_bars(make_record, numbers):
+    from matplotlib.colors import to_hex
+
+    from panoloc_mcl.report.figures.style import STATUS_COLORS
+
+    record = make_record()
+    with figures.style():
+        (legend,) = figures.draw_series("status", record, numbers(record)).legends
+    shown = {
+        text.get_text(): to_hex(patch.get_facecolor()) for text, patch in zip(legend.texts, legend.get_patches(), strict=True)
+    }
+    assert shown == {status: STATUS_COLORS[status] for status in set(record.status)}
+
+
+def test_a_slow_first_image_does_not_flatten_the_others(make_record, numbers):
+    record = make_record()
+    steps = numbers(record)
+    steps["ms_observe"][0] = 1385.0
+    with figures.style():
+        axes = figures.draw_series("stages", record, steps).axes[0]
+    rest = (steps["ms_observe"] + steps["ms_update"])[1:]
+    assert rest.max() < axes.get_ylim()[1] < 2.0 * rest.max()
+    assert [text.get_text() for text in axes.texts] == ["↑ 1386 ms"]
+
+
 @pytest.mark.parametrize("ending", FORMATS)
 def test_a_single_frame_can_be_drawn(make_record, numbers, tmp_path, ending):
     record = make_record(n=2)

@@ -135,7 +135,7 @@ def _draw_error(axes: Axes, record: SequenceRecord, seconds: FloatArray, error: 
     x, y = _largest_of_bins(seconds, error)
     axes.plot(x, y, color=CONVERGED, linewidth=1.1, marker="." if len(x) < 40 else None, markersize=3, label="error")
     axes.axhline(limit, color=INK, linewidth=0.9, linestyle=(0, (4, 3)), label="limit of success")
-    label = "teleport"
+    label = "carried away"
     for i in np.flatnonzero(record.kidnapped):
         axes.axvline(seconds[i], color=INK, linewidth=0.9, linestyle=(0, (1, 2)), label=label)
         label = None

@@ -66,6 +66,9 @@ def _status(axes: Axes, record: SequenceRecord, steps: Mapping[str, FloatArray],
     widths = np.diff(np.append(seconds, last))
     for status, color in STATUS_COLORS.items():
         here = np.array([s == status for s in record.status])
+        # Without bars, the legend would show a colour that is not this status's.
+        if not here.any():
+            continue
         # Each has a hatch of its own, for print without colours.
         hatch = {"searching": "////", "converged": "", "ambiguous": "xxxx", "lost": "...."}[status]
         axes.bar(
@@ -99,6 +102,23 @@ def _stages(axes: Axes, record: SequenceRecord, steps: Mapping[str, FloatArray],
         axes.bar(seconds, height, width, bottom, color=color, label=name.removeprefix(STAGE_PREFIX))
         bottom += height
     axes.set_ylabel("time of one image [ms]")
+    # The first image may be slow, as kernels are loaded: it must not flatten the others.
+    high = 1.6 * float(np.quantile(bottom, 0.9, method="lower"))
+    if bottom.max() <= high:
+        return
+    axes.set_ylim(0.0, high)
+    # Texts of neighbours would lie over each other.
+    slowest = int(np.argmax(bottom))
+    axes.annotate(
+        f"↑ {bottom[slowest]:.0f} ms",
+        (seconds[slowest] + 0.5 * width, 1.0),
+        (2, -2),
+        axes.get_xaxis_transform(),
+        textcoords="offset points",
+        ha="left",
+        va="top",
+        fontsize=8.0,
+    )
 
 
 _DRAW: dict[str, Callable[[Axes, SequenceRecord, Mapping[str, FloatArray], FloatArray], None]] = {

@@ -142,16 +142,16 @@
     const names = Object.keys(run.stages);
     const totals = run.seconds.map((_, i) => names.reduce((sum, name) => sum + (run.stages[name][i] || 0), 0));
     const ordered = [...totals].sort((a, b) => a - b), high = 1.6 * ordered[Math.floor(0.9 * (ordered.length - 1))];
-    const cut = totals.map((total, i) => i).filter((i) => totals[i] > high);
+    const cut = totals.map((total, i) => i).filter((i) => totals[i] > high).sort((a, b) => totals[b] - totals[a]);
     over("stages", Object.entries(run.stages).map(([name, ms], i) => ({
       x: run.seconds, y: ms, name, type: "bar", marker: { color: STAGES[i % STAGES.length] },
     })), "time of one image [ms]", 260, {
       barmode: "stack", bargap: 0.1, yaxis: { range: [0, cut.length ? high : 1.05 * ordered[ordered.length - 1]] },
       legend: { orientation: "h", x: 0, xanchor: "left", y: 1.02, yanchor: "bottom", traceorder: "normal" },
-      // Of many that are cut off, only the largest is named.
-      annotations: (cut.length > 3 ? [cut.reduce((a, b) => (totals[a] > totals[b] ? a : b))] : cut).map((i) => ({
+      // Texts of neighbours would lie over each other, so only the slowest is named.
+      annotations: cut.map((i) => ({
         x: run.seconds[i], y: 1, yref: "paper", yanchor: "top", xanchor: "left", xshift: 6, showarrow: false, text: `↑ ${Math.round(totals[i])} ms`,
-      })),
+      })).slice(0, 1),
     });
   }
 
