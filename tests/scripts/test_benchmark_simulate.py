@@ -26,11 +26,12 @@ def test_it_prints_a_row_for_each_variant(load_script, tmp_path: Path, capsys) -
     assert script.main(["--config", str(tmp_path / "run.yaml"), "--frames", "2", "--variants", "scalar_rgb"]) == 0
     row = [cell.strip() for cell in capsys.readouterr().out.splitlines()[-1].strip("|").split("|")]
     assert row[0] == "scalar_rgb"
-    frame, rate, path, _, peak = (float(cell) for cell in row[1:])
+    rate, frame, path, light, peak = (float(cell) for cell in row[1:])
     assert rate > 0.0
+    assert 0.0 <= frame <= 1.0 / rate + 0.01  # one thread
     assert path > 0.0
+    assert light >= 0.0
     assert 0.05 < peak < 4.0
-    assert frame == pytest.approx(1.0 / rate, rel=0.6, abs=0.01)
 
 
 def test_a_variant_that_cannot_be_used_is_a_row_of_dashes(load_script, tmp_path: Path) -> None:
