@@ -96,7 +96,7 @@ def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--config", type=Path, default=Path("configs/simulate_hall.yaml"))
     parser.add_argument("--frames", type=int, default=8)
-    parser.add_argument("--samples", type=int, default=8, help="light paths from each cell, a multiple of 8")
+    parser.add_argument("--samples", type=int, default=32, help="light paths from each cell, a multiple of 8")
     parser.add_argument("--variants", nargs="+", default=[LLVM, SCALAR])
     parser.add_argument("--measure", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args(argv)
