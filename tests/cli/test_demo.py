@@ -97,7 +97,8 @@ def test_the_report_plays_in_a_browser(demos, browser, width, scheme):
         return page.evaluate(
             """() => { const traces = document.getElementById("map").data; const of = (name) => traces.find((t) => t.name === name);
             return [document.getElementById("panorama").style.backgroundImage, JSON.stringify(of("particles").x),
-                JSON.stringify(of("votes").z), document.getElementById("slider").value,
+                JSON.stringify(of("votes").z), JSON.stringify(document.getElementById("headings").data[0].y),
+                JSON.stringify(document.getElementById("status").layout.shapes), document.getElementById("slider").value,
                 document.getElementById("caption").textContent]; }"""
         )
 
@@ -123,7 +124,7 @@ def test_the_report_plays_in_a_browser(demos, browser, width, scheme):
     assert page.input_value("#slider") == page.get_attribute("#slider", "max")
     # Nothing sticks out to the side, and every plot is drawn, with units on its axes.
     assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
-    for plot in ("map", "trajectory", "status", "position-error", "heading-error", "heading", "n-eff", "stages"):
+    for plot in ("map", "headings", "trajectory", "status", "position-error", "heading-error", "heading", "n-eff", "stages"):
         assert page.evaluate(f"document.getElementById('{plot}').data.length") > 0
         assert "[" in page.evaluate(f"document.getElementById('{plot}').layout.xaxis.title.text")
     background = page.evaluate("getComputedStyle(document.body).backgroundColor")

@@ -69,7 +69,7 @@ def test_watching_changes_nothing(observed):
 def test_a_recording_is_read_back_as_it_was(observed):
     record, _, recording, _, folder, _ = observed
     again = Recording.load(folder / record.name / "run_0" / "frames.npz")
-    for name in ("rows", "places", "votes", "peaks", "prior", "particles"):
+    for name in ("rows", "places", "votes", "heading_votes", "peaks", "prior", "particles"):
         assert np.array_equal(getattr(again, name), getattr(recording, name)), name
     assert again.panoramas == recording.panoramas
     assert again.references == recording.references
@@ -89,8 +89,12 @@ def test_it_holds_what_was_seen(observed):
     panorama = unwrap(read_image(task.drive.files[3]))
     shown = cv2.imdecode(np.frombuffer(recording.panoramas[3], dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
     assert np.abs(shown - panorama.pixels).mean() < 5.0
-    votes = model.observe(panorama).votes.max(axis=0)
+    field = model.observe(panorama)
+    votes = field.votes.max(axis=0)
     assert recording.field(3) == pytest.approx(votes, abs=float(votes.max()) / 255)
+    of_headings = recording.heading_votes[3] * (recording.peaks[3] / 255)
+    asked = np.rint(np.degrees(field.headings)).astype(int)
+    assert of_headings[asked] == pytest.approx(field.votes.max(axis=1), abs=float(votes.max()) / 100)
 
 
 def test_of_many_frames_some_are_kept(observed):
