@@ -3,6 +3,6 @@
 set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/environment.sh"
 
-install "[test,plot,report,rerun]"
+install "[test,plot,report,rerun,simulate]"
 cd "$root"
 exec "$venv/bin/python" -m pytest "$@"

@@ -220,7 +220,9 @@ class StatusSettings(StrictModel):
         description="Lost: after having been converged, what the belief explains of the best votes (running average) is below this, …",
     )
     lost_chance: Share = Field(
-        0.1, description="… or an image says with at least this probability that the robot is elsewhere."
+        0.1,
+        description="… or an image says with at least this probability that the robot is elsewhere. (Lost, too, for one image: the "
+        "pose that the last answer was sure of is refuted.)",
     )
 
 

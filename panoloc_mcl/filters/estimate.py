@@ -18,7 +18,8 @@ class Status(StrEnum):
     """What the localizer thinks of itself.
 
     SEARCHING: the belief is spread out. CONVERGED: one compact cluster holds nearly all of it. AMBIGUOUS: two or more clusters hold
-    much of it. LOST: it had converged, but the images no longer fit, or the last one says surely that the robot is elsewhere.
+    much of it. LOST: it had converged, but the images no longer fit, the last one says that the robot is likely elsewhere, or it
+    refutes the pose that the answer before was sure of.
     """
 
     SEARCHING = "searching"

@@ -41,7 +41,7 @@ from panoloc_mcl.filters.estimate import Cluster, FilterState, Status
 from panoloc_mcl.filters.likelihood import Likelihood, Plan
 from panoloc_mcl.filters.prior import Prior, uniform_density
 from panoloc_mcl.filters.resampling import SCHEMES, adaptive_count, effective_count, normalise, normalised
-from panoloc_mcl.geometry import wrap_angle
+from panoloc_mcl.geometry import angle_difference, wrap_angle
 from panoloc_mcl.kernels.particles import propagate
 from panoloc_mcl.kernels.resampling import taken
 from panoloc_mcl.kernels.weights import reweighted
@@ -95,6 +95,9 @@ class MonteCarloFilter:
         self._weigh_alike()
         self._nothing_known = start.position is None and start.heading is None
         self._has_converged = False
+        # Whether the last answer was that the pose is known; and where odometry led from it, until an image has been seen.
+        self._sure = False
+        self._expected: tuple[float, ...] | None = None
         self._match = math.nan
         self._match_slow = self._match_fast = math.nan
         self._fit = math.nan
@@ -163,12 +166,15 @@ class MonteCarloFilter:
             For a late image: the motion from the particles' time to the image's, with its noise. The particles are weighed where
             they were then.
         """
-        self._votes, self._resampled, self._injected = votes, False, 0
+        self._votes, self._resampled, self._injected, self._expected = votes, False, 0, None
         if not votes.informative:
             self._match = math.nan
             return
         rng = self._next_step()
         prior = Prior.of(self.poses, self.weights)
+        if self._sure:
+            best = prior.clusters[0]
+            self._expected = (*best.pose.tolist(), best.spread_m, best.spread_deg)
         image = Likelihood.of(votes, offset, prior.gap(len(self.poses)), self._uniform, self.settings)
         fit = self._fit_of_particles(image, offset)
         self._judge(fit)
@@ -320,6 +326,7 @@ class MonteCarloFilter:
         clusters = find_clusters(self.poses, self.weights)
         best = clusters[0]
         status = self._status_of(clusters)
+        self._sure = status is Status.CONVERGED
         place = self.places.nearest_reference(best.pose[:2])
         if self._votes is not None:
             informative = self._votes.informative
@@ -365,8 +372,8 @@ class MonteCarloFilter:
         limits = self.status_settings
         best = clusters[0]
         compact = best.spread_m < limits.converged_spread_m and best.spread_deg < limits.converged_spread_deg
-        lost = self._has_converged and (self._fit < limits.lost_match or self._elsewhere > limits.lost_chance)
-        if lost:
+        unfit = self._fit < limits.lost_match or self._elsewhere > limits.lost_chance
+        if self._has_converged and (unfit or self._is_refuted(best)):
             return Status.LOST
         if best.mass > limits.converged_mass and compact:
             self._has_converged = True
@@ -375,6 +382,16 @@ class MonteCarloFilter:
             return Status.AMBIGUOUS
         return Status.SEARCHING
 
+    def _is_refuted(self, best: Cluster) -> bool:
+        """Whether the last answer was sure of a pose that the belief has left since: a robot that acted on it must be told."""
+        if self._expected is None:
+            return False
+        x, y, heading, spread_m, spread_deg = self._expected
+        off = math.degrees(abs(float(angle_difference(best.pose[2], heading))))
+        way = math.hypot(best.pose[0] - x, best.pose[1] - y)
+        limits = self.status_settings
+        return way > limits.converged_spread_m + 3.0 * spread_m or off > limits.converged_spread_deg + 3.0 * spread_deg
+
 
 # Of the filter, besides the particles.
 _REMEMBERED = (
@@ -382,6 +399,8 @@ _REMEMBERED = (
     "_step",
     "_nothing_known",
     "_has_converged",
+    "_sure",
+    "_expected",
     "_match",
     "_match_slow",
     "_match_fast",

@@ -42,6 +42,7 @@ def browser():
         opened.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["relocalize", "kidnap"])
 def test_a_demo_succeeds_and_says_where_its_pictures_are(demos, name):
     done = demos[name]
@@ -51,6 +52,7 @@ def test_a_demo_succeeds_and_says_where_its_pictures_are(demos, name):
     assert "\x1b" not in done.out + done.err
 
 
+@pytest.mark.slow
 def test_the_cloud_collapses_onto_the_true_pose(demos):
     record = read_results(demos["relocalize"].folder).records[0]
     assert record.name.startswith("evening")
@@ -59,6 +61,7 @@ def test_the_cloud_collapses_onto_the_true_pose(demos):
     assert record.position_error_m[0] > 0.5 > record.position_error_m[-1]
 
 
+@pytest.mark.slow
 def test_the_robot_gets_lost_and_comes_back(demos):
     record = read_results(demos["kidnap"].folder).records[0]
     away = int(np.flatnonzero(record.kidnapped)[0])
@@ -69,6 +72,7 @@ def test_the_robot_gets_lost_and_comes_back(demos):
     assert "converged" in record.status[away + 1 :]
 
 
+@pytest.mark.slow
 @needs_pictures
 @pytest.mark.parametrize("name", ["relocalize", "kidnap"])
 def test_the_moving_picture_moves(demos, name):
@@ -79,6 +83,7 @@ def test_the_moving_picture_moves(demos, name):
     assert all(np.abs(one - other).max() > 50 for one, other in itertools.pairwise(frames))
 
 
+@pytest.mark.slow
 @needs_pictures
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [1280, 390])

@@ -77,6 +77,11 @@ def test_interrupted_is_quiet(panoloc, monkeypatch):
     assert (done.code, done.out, done.err) == (130, "", "")
 
 
+def test_the_package_is_the_command():
+    done = subprocess.run([sys.executable, "-m", "panoloc_mcl", "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("panoloc ")
+
+
 def test_a_closed_pipe_is_quiet(tmp_path):
     read_end, write_end = os.pipe()
     os.close(read_end)

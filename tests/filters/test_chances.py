@@ -76,6 +76,25 @@ def test_a_sure_image_that_contradicts_divides_the_belief_and_the_next_decides(s
         assert np.hypot(*(state.clusters[0].pose - truth)[:2]) < 0.01
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_who_was_sure_of_a_pose_says_lost_before_being_sure_of_another(seed: int) -> None:
+    belief = settled(seed)
+    # Too doubtful to shake the belief, but remembered by a few particles, so that the next image is no surprise.
+    belief.update(image_of(THERE, doubt=0.15))
+    assert belief.state().status is Status.CONVERGED
+    belief.propagate(STEP)
+    belief.update(image_of(THERE))
+    state = belief.state()
+    assert mass_at(belief, THERE) > 0.9
+    assert state.elsewhere < StatusSettings().lost_chance
+    assert state.status is Status.LOST
+    # Whoever asks twice gets the same answer.
+    assert belief.state().status is Status.LOST
+    belief.propagate(STEP)
+    belief.update(image_of(THERE))
+    assert belief.state().status is Status.CONVERGED
+
+
 def test_an_image_that_fits_nowhere_does_not_end_being_lost() -> None:
     belief = settled()
     belief.update(image_of(THERE, doubt=0.01))
