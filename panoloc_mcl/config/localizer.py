@@ -221,8 +221,8 @@ class StatusSettings(StrictModel):
     )
     lost_chance: Share = Field(
         0.1,
-        description="… or an image says with at least this probability that the robot is elsewhere. (Lost, too, for one image: the "
-        "pose that the last answer was sure of is refuted.)",
+        description="… or an image says with at least this probability that the robot is elsewhere, or refutes the pose that the last "
+        "answer was sure of.",
     )
 
 

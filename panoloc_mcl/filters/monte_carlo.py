@@ -37,11 +37,12 @@ from panoloc_mcl.config.localizer import MonteCarloSettings, StatusSettings
 from panoloc_mcl.filters.base import Start
 from panoloc_mcl.filters.blocks import BLOCK, Blocks
 from panoloc_mcl.filters.clusters import find_clusters, grid_of
-from panoloc_mcl.filters.estimate import Cluster, FilterState, Status
+from panoloc_mcl.filters.estimate import FilterState, Status
 from panoloc_mcl.filters.likelihood import Likelihood, Plan
 from panoloc_mcl.filters.prior import Prior, uniform_density
 from panoloc_mcl.filters.resampling import SCHEMES, adaptive_count, effective_count, normalise, normalised
-from panoloc_mcl.geometry import angle_difference, wrap_angle
+from panoloc_mcl.filters.status import status_of
+from panoloc_mcl.geometry import wrap_angle
 from panoloc_mcl.kernels.particles import propagate
 from panoloc_mcl.kernels.resampling import taken
 from panoloc_mcl.kernels.weights import reweighted
@@ -325,8 +326,9 @@ class MonteCarloFilter:
         """Clusters, status and the figures behind it."""
         clusters = find_clusters(self.poses, self.weights)
         best = clusters[0]
-        status = self._status_of(clusters)
+        status = status_of(clusters, self._fit, self._elsewhere, self._expected, self._has_converged, self.status_settings)
         self._sure = status is Status.CONVERGED
+        self._has_converged |= self._sure
         place = self.places.nearest_reference(best.pose[:2])
         if self._votes is not None:
             informative = self._votes.informative
@@ -367,30 +369,6 @@ class MonteCarloFilter:
         self.poses, self.log_weights, self._votes = np.array(poses.T, order="C").T, np.array(log_weights), None
         self.weights = normalised(self.log_weights)
         vars(self).update(values)
-
-    def _status_of(self, clusters: tuple[Cluster, ...]) -> Status:
-        limits = self.status_settings
-        best = clusters[0]
-        compact = best.spread_m < limits.converged_spread_m and best.spread_deg < limits.converged_spread_deg
-        unfit = self._fit < limits.lost_match or self._elsewhere > limits.lost_chance
-        if self._has_converged and (unfit or self._is_refuted(best)):
-            return Status.LOST
-        if best.mass > limits.converged_mass and compact:
-            self._has_converged = True
-            return Status.CONVERGED
-        if sum(cluster.mass > limits.ambiguous_mass for cluster in clusters) >= 2:
-            return Status.AMBIGUOUS
-        return Status.SEARCHING
-
-    def _is_refuted(self, best: Cluster) -> bool:
-        """Whether the last answer was sure of a pose that the belief has left since: a robot that acted on it must be told."""
-        if self._expected is None:
-            return False
-        x, y, heading, spread_m, spread_deg = self._expected
-        off = math.degrees(abs(float(angle_difference(best.pose[2], heading))))
-        way = math.hypot(best.pose[0] - x, best.pose[1] - y)
-        limits = self.status_settings
-        return way > limits.converged_spread_m + 3.0 * spread_m or off > limits.converged_spread_deg + 3.0 * spread_deg
 
 
 # Of the filter, besides the particles.

@@ -53,7 +53,9 @@ def _print_table(table: Table, console: rich.console.Console) -> None:
     label_width = max(len(text) for text in [*labels, *(section.title for section in table.sections)])
     widths = [max(len(cell) for cell in [name, *(row.cells[i] for row in rows)]) for i, name in enumerate(table.columns)]
     for block in _blocks(widths, console.width - label_width):
-        shown = RichTable(title=spell(table.title), title_justify="left", box=None, padding=(0, _GAP, 0, 0), pad_edge=False)
+        # Not the table's own title, which is broken where the table ends.
+        console.print(Text(spell(table.title), style="italic"))
+        shown = RichTable(box=None, padding=(0, _GAP, 0, 0), pad_edge=False)
         shown.add_column("", no_wrap=True, min_width=label_width)
         for i in block:
             shown.add_column(Text(spell(table.columns[i])), justify="right", no_wrap=True)
