@@ -18,6 +18,9 @@ from panoloc_mcl.errors import PanolocError
 _CONNECT_S = 10
 # A worker that dies costs its cell another try; a cell that takes down so many workers is at fault itself.
 _RETRIES = 3
+# Every image needs the same few megabytes again. Dask tells its workers to give memory back at once, and two workers that fetch it
+# anew for each image are slower than one process.
+_KEEP_MEMORY = {"MALLOC_TRIM_THRESHOLD_": 1 << 30, "MALLOC_MMAP_THRESHOLD_": 1 << 30}
 
 
 class EngineError(PanolocError):
@@ -148,10 +151,12 @@ def _version() -> str:
 
 @contextmanager
 def _client(workers: int | None, scheduler: str | None) -> Iterator[Any]:
+    import dask
     from distributed import Client, LocalCluster
 
     if scheduler is None:
         with (
+            dask.config.set({f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in _KEEP_MEMORY.items()}),
             LocalCluster(
                 n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=logging.CRITICAL
             ) as cluster,
