@@ -375,10 +375,7 @@ def pattern(found: Study, lights: Sequence[str]) -> list[str]:
         )
         bounds_of = [seen["wilson95"] for seen in rated.values()]
         if not falling and max(low for low, _ in bounds_of) <= min(high for _, high in bounds_of):
-            lines.append(
-                "* The intervals of all lights overlap: no effect of light can be told from chance. As many passes are missed in the "
-                "light that the map was made in; most of them were taken for a place next to the right one (below)."
-            )
+            lines.append("* The intervals of all lights overlap; what was missed, and for what, by light, stands below.")
     for light, seen in rated.items():
         paper = PAPER_TABLE_2[light]
         bounds = wilson95(paper.recognised, paper.passed)
