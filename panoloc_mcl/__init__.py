@@ -6,25 +6,25 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from panoloc_mcl.config import RunConfig, load_config
-    from panoloc_mcl.datasets import read_dataset
-    from panoloc_mcl.errors import PanolocError
-    from panoloc_mcl.filters import Estimate, Status
-    from panoloc_mcl.localizer import Localizer
-    from panoloc_mcl.panorama_map import PanoramaMap
+    from panoloc_mcl.robot.errors import PanolocError
+    from panoloc_mcl.robot.filters import Estimate, Status
+    from panoloc_mcl.robot.localizer import Localizer
+    from panoloc_mcl.robot.map.panorama_map import PanoramaMap
+    from panoloc_mcl.tools.config import RunConfig, load_config
+    from panoloc_mcl.tools.datasets import read_dataset
 
 __version__ = "0.1.0"
 
 # Looked up at first use, so that importing the package costs nothing.
 _HOMES = {
-    "Estimate": "filters",
-    "Localizer": "localizer",
-    "PanolocError": "errors",
-    "PanoramaMap": "panorama_map",
-    "RunConfig": "config",
-    "Status": "filters",
-    "load_config": "config",
-    "read_dataset": "datasets",
+    "Estimate": "robot.filters",
+    "Localizer": "robot.localizer",
+    "PanolocError": "robot.errors",
+    "PanoramaMap": "robot.map.panorama_map",
+    "RunConfig": "tools.config",
+    "Status": "robot.filters",
+    "load_config": "tools.config",
+    "read_dataset": "tools.datasets",
 }
 
 __all__ = ["Estimate", "Localizer", "PanolocError", "PanoramaMap", "RunConfig", "Status", "load_config", "read_dataset"]

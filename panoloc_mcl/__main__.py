@@ -2,7 +2,7 @@
 
 import sys
 
-from panoloc_mcl.cli.main import main
+from panoloc_mcl.tools.cli.main import main
 
 if __name__ == "__main__":
     sys.exit(main())

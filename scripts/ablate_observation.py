@@ -35,20 +35,20 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from panoloc_mcl.camera import Panorama, Unwrapper
-from panoloc_mcl.cli.monitor import Monitor, monitor
-from panoloc_mcl.config import config_from_mapping
-from panoloc_mcl.config.model import ObservationSettings
-from panoloc_mcl.config.overrides import apply, parse_overrides
-from panoloc_mcl.corruptions import Recipe, parse_recipe
-from panoloc_mcl.corruptions.recipe import CLEAN
-from panoloc_mcl.datasets import Dataset, read_dataset, read_image, resolve_dataset
-from panoloc_mcl.datasets.splice import group_of
-from panoloc_mcl.errors import ConfigError, PanolocError
-from panoloc_mcl.evaluation import wilson95
-from panoloc_mcl.files import write_atomically
-from panoloc_mcl.geometry import angle_difference
-from panoloc_mcl.map_cache import cached_map
+from panoloc_mcl.laboratory.corruptions import Recipe, parse_recipe
+from panoloc_mcl.laboratory.corruptions.recipe import CLEAN
+from panoloc_mcl.robot.camera import Panorama, Unwrapper
+from panoloc_mcl.robot.errors import ConfigError, PanolocError
+from panoloc_mcl.robot.files import write_atomically
+from panoloc_mcl.robot.geometry import angle_difference
+from panoloc_mcl.robot.settings.config import ObservationSettings
+from panoloc_mcl.tools.cli.monitor import Monitor, monitor
+from panoloc_mcl.tools.config import config_from_mapping
+from panoloc_mcl.tools.config.overrides import apply, parse_overrides
+from panoloc_mcl.tools.datasets import Dataset, read_dataset, read_image, resolve_dataset
+from panoloc_mcl.tools.datasets.splice import group_of
+from panoloc_mcl.tools.evaluation import wilson95
+from panoloc_mcl.tools.runs.map_cache import cached_map
 
 #: Name of each row of the table -> the settings under `observation` that differ from the default ones.
 MODELS: dict[str, tuple[str, ...]] = {
@@ -110,7 +110,7 @@ CONDITIONS = (
     "gain:2.2",
 )
 
-# Tiers and the circle of a place: `panoloc_mcl.evaluation` has the same for whole runs.
+# Tiers and the circle of a place: `panoloc_mcl.tools.evaluation` has the same for whole runs.
 TIERS = ((0.25, 3.0), (0.10, 1.0))
 PASS_WITHIN_M = 0.15
 WITHIN = f"within {TIERS[0][0]:g} m {TIERS[0][1]:g} deg"

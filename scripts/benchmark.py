@@ -31,10 +31,10 @@ import cv2  # noqa: E402
 import numpy as np  # noqa: E402
 
 from panoloc_mcl import Localizer  # noqa: E402
-from panoloc_mcl.config import RunConfig, config_from_mapping  # noqa: E402
-from panoloc_mcl.datasets import Dataset, read_dataset, read_image, resolve_dataset  # noqa: E402
-from panoloc_mcl.map_cache import cached_map  # noqa: E402
-from panoloc_mcl.panorama_map import PanoramaMap  # noqa: E402
+from panoloc_mcl.robot.map.panorama_map import PanoramaMap  # noqa: E402
+from panoloc_mcl.tools.config import RunConfig, config_from_mapping  # noqa: E402
+from panoloc_mcl.tools.datasets import Dataset, read_dataset, read_image, resolve_dataset  # noqa: E402
+from panoloc_mcl.tools.runs.map_cache import cached_map  # noqa: E402
 
 WITHOUT_VIRTUAL = {"observation": {"votes": {"virtual_places": {"enabled": False}}}}
 WITHOUT_REFINEMENT = {"observation": {"votes": {"refinement": {"enabled": False}}}}
@@ -118,7 +118,7 @@ def peak_memory_mb() -> float:
 
 def startup(repeats: int) -> None:
     """Print start-up times as multiples of starting Python with NumPy."""
-    panoloc = [sys.executable, "-m", "panoloc_mcl.cli.main"]
+    panoloc = [sys.executable, "-m", "panoloc_mcl.tools.cli.main"]
     commands = {
         "python -c 'import numpy'": [sys.executable, "-c", "import numpy"],
         "python -c 'import panoloc_mcl'": [sys.executable, "-c", "import panoloc_mcl"],
@@ -142,7 +142,7 @@ def whole_run(dataset: str) -> None:
     script = (
         "import sys, time; begin = time.perf_counter()\n"
         "from panoloc_mcl import pipeline, localizer\n"
-        "from panoloc_mcl.config import config_from_mapping\n"
+        "from panoloc_mcl.tools.config import config_from_mapping\n"
         "first = []\n"
         "add = localizer.Localizer.add_image\n"
         "def timed(self, *a):\n"

@@ -17,11 +17,11 @@ from pathlib import Path
 
 import numpy as np
 
-from panoloc_mcl.comparison.cell import make_job, prepare
-from panoloc_mcl.comparison.engines import open_engine
-from panoloc_mcl.comparison.matrix import FORMAT, matrix_from_mapping
-from panoloc_mcl.comparison.study import compare, plan_of_matrix
-from panoloc_mcl.errors import PanolocError
+from panoloc_mcl.laboratory.comparison.cell import make_job, prepare
+from panoloc_mcl.laboratory.comparison.engines import open_engine
+from panoloc_mcl.laboratory.comparison.matrix import FORMAT, matrix_from_mapping
+from panoloc_mcl.laboratory.comparison.study import compare, plan_of_matrix
+from panoloc_mcl.robot.errors import PanolocError
 
 
 def main(words: Sequence[str] | None = None) -> int:

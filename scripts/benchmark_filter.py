@@ -28,16 +28,16 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import numpy as np  # noqa: E402
 
-from panoloc_mcl.config.localizer import (  # noqa: E402
+from panoloc_mcl.robot.filters import MonteCarloFilter, Start  # noqa: E402
+from panoloc_mcl.robot.geometry import angle_difference  # noqa: E402
+from panoloc_mcl.robot.motion import Motion  # noqa: E402
+from panoloc_mcl.robot.observation import Places, VoteField  # noqa: E402
+from panoloc_mcl.robot.settings.localizer import (  # noqa: E402
     MonteCarloSettings,
     RecoverySettings,
     ResamplingSettings,
     StatusSettings,
 )
-from panoloc_mcl.filters import MonteCarloFilter, Start  # noqa: E402
-from panoloc_mcl.geometry import angle_difference  # noqa: E402
-from panoloc_mcl.motion import Motion  # noqa: E402
-from panoloc_mcl.observation import Places, VoteField  # noqa: E402
 
 START = Start((2.5, 3.0), 0.5, 0.1, 0.1)
 SD_TURN, SD_WAY = 0.02, 0.03

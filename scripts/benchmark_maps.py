@@ -14,12 +14,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from panoloc_mcl.camera import Panorama, PanoramaGeometry
-from panoloc_mcl.config import RunConfig, config_from_mapping
-from panoloc_mcl.datasets import Dataset, read_dataset, read_image
-from panoloc_mcl.observation import VotesModel
-from panoloc_mcl.panorama_map import PanoramaMap, read_references
-from panoloc_mcl.references import ReferencePanoramas
+from panoloc_mcl.robot.camera import Panorama, PanoramaGeometry
+from panoloc_mcl.robot.map.panorama_map import PanoramaMap
+from panoloc_mcl.robot.observation import VotesModel
+from panoloc_mcl.robot.references import ReferencePanoramas, read_references
+from panoloc_mcl.tools.config import RunConfig, config_from_mapping
+from panoloc_mcl.tools.datasets import Dataset, read_dataset, read_image
 
 COMPONENTS = 60
 # What the default rule gives to 1600 places and more.
@@ -51,7 +51,7 @@ def in_a_process(function: str, *arguments: str) -> dict[str, float]:
 
 def building(dataset: Dataset, repeats: int) -> None:
     """Print time, memory and size of a map, and the time as a ratio to plain NumPy."""
-    references = read_references(dataset)
+    references = read_references(dataset.references)
     numpy_build = plain_numpy(references)
     calibrated = settings().observation.votes
     # The peer calibrates nothing.
@@ -95,9 +95,9 @@ def plain_numpy(references: ReferencePanoramas) -> Callable[[], object]:
     sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
     from oracles import building as oracle
 
-    from panoloc_mcl.observation import Places
-    from panoloc_mcl.synthesis import virtual_positions
-    from panoloc_mcl.synthesis.views import FloorRays
+    from panoloc_mcl.robot.observation import Places
+    from panoloc_mcl.robot.synthesis import virtual_positions
+    from panoloc_mcl.robot.synthesis.views import FloorRays
 
     votes = settings().observation.votes
     assert references.camera_height_m is not None
@@ -240,7 +240,7 @@ def costs(dataset: Dataset, out: Path) -> None:
 
 def heading_cost(dataset: Dataset, columns: int) -> tuple[float, float]:
     """Median seconds of an image of another width: vote field, and with the refinement."""
-    references = read_references(dataset)
+    references = read_references(dataset.references)
 
     def resized(image: np.ndarray) -> np.ndarray:
         kind = cv2.INTER_AREA if columns < image.shape[1] else cv2.INTER_LINEAR

@@ -16,14 +16,14 @@ import tempfile
 import time
 from pathlib import Path
 
-from panoloc_mcl.config import config_from_mapping
-from panoloc_mcl.pipeline import run
-from panoloc_mcl.report import Recording, read_results, render_report
+from panoloc_mcl.tools.config import config_from_mapping
+from panoloc_mcl.tools.report import Recording, read_results, render_report
+from panoloc_mcl.tools.runs.pipeline import run
 
 _LONG_RUN = """
 import sys
-from panoloc_mcl.config import config_from_mapping
-from panoloc_mcl.pipeline import run
+from panoloc_mcl.tools.config import config_from_mapping
+from panoloc_mcl.tools.runs.pipeline import run
 dataset, out, runs = sys.argv[1], sys.argv[2], int(sys.argv[3])
 outcome = run(config_from_mapping({"dataset": dataset, "out": out, "runs": runs}))
 status = open("/proc/self/status").read().splitlines()

@@ -21,13 +21,13 @@ from pathlib import Path
 
 import numpy as np
 
-from panoloc_mcl.files import CACHE_VARIABLE
-from panoloc_mcl.progress import no_progress
-from panoloc_mcl.simulation.backend import LLVM, SCALAR, backend
-from panoloc_mcl.simulation.optics import expose, ray_table
-from panoloc_mcl.simulation.renderer import Daylight, LightTransport, sources_of
-from panoloc_mcl.simulation.settings import load_simulation
-from panoloc_mcl.simulation.simulate import Simulation
+from panoloc_mcl.laboratory.simulation.backend import LLVM, SCALAR, backend
+from panoloc_mcl.laboratory.simulation.optics import expose, ray_table
+from panoloc_mcl.laboratory.simulation.renderer import Daylight, LightTransport, sources_of
+from panoloc_mcl.laboratory.simulation.settings import load_simulation
+from panoloc_mcl.laboratory.simulation.simulate import Simulation
+from panoloc_mcl.robot.files import CACHE_VARIABLE
+from panoloc_mcl.robot.progress import no_progress
 
 
 def measure(config: Path, frames: int, samples: int) -> dict[str, float | str]:

@@ -8,14 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from panoloc_mcl.camera import Panorama
-from panoloc_mcl.config.model import ObservationSettings, PaperSettings
-from panoloc_mcl.datasets import Dataset, read_image
-from panoloc_mcl.eigenspace.linear_filters import basis_responses, filter_bank
-from panoloc_mcl.eigenspace.pca import principal_components
-from panoloc_mcl.kernels.voting import vote
-from panoloc_mcl.map_cache import cached_map
-from panoloc_mcl.observation import PaperModel
+from panoloc_mcl.laboratory.peers.linear_filters import basis_responses, filter_bank
+from panoloc_mcl.laboratory.peers.paper import PaperModel
+from panoloc_mcl.laboratory.peers.settings import PaperSettings
+from panoloc_mcl.robot.camera import Panorama
+from panoloc_mcl.robot.eigenspace.pca import principal_components
+from panoloc_mcl.robot.kernels.voting import vote
+from panoloc_mcl.robot.settings.config import ObservationSettings
+from panoloc_mcl.tools.datasets import Dataset, read_image
+from panoloc_mcl.tools.runs.map_cache import cached_map
 
 # The paper's tests, 1000 pixels trimmed to 800 at once, and to 300 step by step.
 TRIM_TO = (800, 300)

@@ -7,10 +7,10 @@ Slowed down as in demo_relocalize.py.
 
 import sys
 
-from panoloc_mcl.config import config_from_mapping
-from panoloc_mcl.pipeline import run
-from panoloc_mcl.report import print_metrics, read_results
-from panoloc_mcl.report.figures import Shot, animation
+from panoloc_mcl.tools.config import config_from_mapping
+from panoloc_mcl.tools.report import print_metrics, read_results
+from panoloc_mcl.tools.report.figures import Shot, animation
+from panoloc_mcl.tools.runs.pipeline import run
 
 settings = {
     "name": "demo_kidnap",

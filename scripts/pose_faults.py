@@ -18,13 +18,12 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
-from panoloc_mcl.config.model import VotesSettings
-from panoloc_mcl.datasets import read_dataset, resolve_dataset
-from panoloc_mcl.evaluation import wilson95
-from panoloc_mcl.observation import Places
-from panoloc_mcl.panorama_map import read_references
-from panoloc_mcl.references import ReferencePanoramas
-from panoloc_mcl.synthesis import ViewSynthesizer, check_poses, sweep_profiles
+from panoloc_mcl.robot.observation import Places
+from panoloc_mcl.robot.references import ReferencePanoramas, read_references
+from panoloc_mcl.robot.settings.observation import VotesSettings
+from panoloc_mcl.robot.synthesis import ViewSynthesizer, check_poses, sweep_profiles
+from panoloc_mcl.tools.datasets import read_dataset, resolve_dataset
+from panoloc_mcl.tools.evaluation import wilson95
 
 SHIFT_M, TURN_DEG, SWAPS = 1.5, 30.0, ("two poses swapped", "two neighbours swapped")
 KINDS = (*SWAPS, f"one pose {SHIFT_M:g} m off", f"one heading {TURN_DEG:g} degrees off")
@@ -84,7 +83,7 @@ def near(original: ReferencePanoramas, now: ReferencePanoramas, bad: list[int], 
 def rows(name: str, draws: int, seed: int, within: float | None, threads: int) -> Iterator[str]:
     """Lines of the table for one data set."""
     dataset = read_dataset(resolve_dataset(name))
-    original = read_references(dataset)
+    original = read_references(dataset.references)
     refused, alone, helps = judged(original, threads)
     yield f"| {dataset.name}, as it is | - | - | {len(refused)} of {len(original)} | {len(alone)} | {helps} |"
     for kind in (*KINDS, RMS):

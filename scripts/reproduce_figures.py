@@ -11,25 +11,27 @@ from typing import Any
 
 import numpy as np
 
-from panoloc_mcl.camera import OmniCamera, Panorama, geometry_of
-from panoloc_mcl.comparison.plots import draw_rates as draw_curve
-from panoloc_mcl.comparison.plots import save_png
-from panoloc_mcl.comparison.pooling import Group
-from panoloc_mcl.config import load_config
-from panoloc_mcl.config.model import ObservationSettings, PaperSettings
-from panoloc_mcl.corruptions import parse_recipe
-from panoloc_mcl.datasets import Dataset, read_dataset, read_image
-from panoloc_mcl.datasets import Sequence as Drive
-from panoloc_mcl.datasets.splice import group_of
-from panoloc_mcl.eigenspace.pca import principal_components
-from panoloc_mcl.errors import PanolocError
-from panoloc_mcl.evaluation.definitions import PASS_RADIUS_M
-from panoloc_mcl.files import write_atomically
-from panoloc_mcl.geometry import FloatArray, wrap_angle
-from panoloc_mcl.localizer import Localizer
-from panoloc_mcl.map_cache import cached_map
-from panoloc_mcl.observation import ObservationModel, PaperModel
-from panoloc_mcl.panorama_map import PanoramaMap
+from panoloc_mcl.laboratory.comparison.plots import draw_rates as draw_curve
+from panoloc_mcl.laboratory.comparison.plots import save_png
+from panoloc_mcl.laboratory.comparison.pooling import Group
+from panoloc_mcl.laboratory.corruptions import parse_recipe
+from panoloc_mcl.laboratory.peers.paper import PaperModel
+from panoloc_mcl.laboratory.peers.settings import PaperSettings
+from panoloc_mcl.robot.camera import OmniCamera, Panorama, geometry_of
+from panoloc_mcl.robot.eigenspace.pca import principal_components
+from panoloc_mcl.robot.errors import PanolocError
+from panoloc_mcl.robot.files import write_atomically
+from panoloc_mcl.robot.geometry import FloatArray, wrap_angle
+from panoloc_mcl.robot.localizer import Localizer
+from panoloc_mcl.robot.map.panorama_map import PanoramaMap
+from panoloc_mcl.robot.observation import ObservationModel
+from panoloc_mcl.robot.settings.config import ObservationSettings
+from panoloc_mcl.tools.config import load_config
+from panoloc_mcl.tools.datasets import Dataset, read_dataset, read_image
+from panoloc_mcl.tools.datasets import Sequence as Drive
+from panoloc_mcl.tools.datasets.splice import group_of
+from panoloc_mcl.tools.evaluation.definitions import PASS_RADIUS_M
+from panoloc_mcl.tools.runs.map_cache import cached_map
 
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
 # The paper's figure 4 is about its place 20.
@@ -141,7 +143,7 @@ def figure_2(dataset: Dataset, omni: str | None, out: Path) -> list[str]:
     source = read_dataset(Path(omni)) if omni else read_dataset(beside) if (beside / "dataset.yaml").is_file() else dataset
     for drive in source.sequences.values():
         if isinstance(drive.camera, OmniCamera):
-            from panoloc_mcl.camera import Unwrapper
+            from panoloc_mcl.robot.camera import Unwrapper
 
             raw = read_image(drive.files[0])
             cylinder = Unwrapper(drive.camera, drive.image_size, geometry_of(drive.camera, drive.image_size))(raw)

@@ -28,23 +28,23 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 import reproduce_figures as figures
 
-from panoloc_mcl.cli.monitor import monitor
-from panoloc_mcl.comparison.engines import Engine, open_engine
-from panoloc_mcl.comparison.matrix import FORMAT, matrix_from_mapping
-from panoloc_mcl.comparison.pooling import Group
-from panoloc_mcl.comparison.study import Study, compare, plan_of_matrix
-from panoloc_mcl.comparison.summary import rate
-from panoloc_mcl.config.validation import read_yaml
-from panoloc_mcl.datasets import Dataset, read_dataset, resolve_dataset
-from panoloc_mcl.datasets.splice import group_of
-from panoloc_mcl.errors import ConfigError, PanolocError
-from panoloc_mcl.evaluation import wilson95
-from panoloc_mcl.evaluation.definitions import PASS_RADIUS_M
-from panoloc_mcl.evaluation.events import find_events
-from panoloc_mcl.evaluation.tables import PAPER_TABLE_2, interval, number, percent
-from panoloc_mcl.files import write_atomically
-from panoloc_mcl.geometry import FloatArray
-from panoloc_mcl.pipeline import Monitor
+from panoloc_mcl.laboratory.comparison.engines import Engine, open_engine
+from panoloc_mcl.laboratory.comparison.matrix import FORMAT, matrix_from_mapping
+from panoloc_mcl.laboratory.comparison.pooling import Group
+from panoloc_mcl.laboratory.comparison.study import Study, compare, plan_of_matrix
+from panoloc_mcl.laboratory.comparison.summary import rate
+from panoloc_mcl.robot.errors import ConfigError, PanolocError
+from panoloc_mcl.robot.files import write_atomically
+from panoloc_mcl.robot.geometry import FloatArray
+from panoloc_mcl.robot.settings.validation import read_yaml
+from panoloc_mcl.tools.cli.monitor import monitor
+from panoloc_mcl.tools.datasets import Dataset, read_dataset, resolve_dataset
+from panoloc_mcl.tools.datasets.splice import group_of
+from panoloc_mcl.tools.evaluation import wilson95
+from panoloc_mcl.tools.evaluation.definitions import PASS_RADIUS_M
+from panoloc_mcl.tools.evaluation.events import find_events
+from panoloc_mcl.tools.evaluation.tables import PAPER_TABLE_2, interval, number, percent
+from panoloc_mcl.tools.runs.pipeline import Monitor
 
 ROOT = Path(__file__).parents[1]
 PAPER, KALMAN, MONTE_CARLO = "paper, Kalman", "default, Kalman", "default, Monte Carlo, nothing known"
@@ -275,10 +275,10 @@ def metered(dataset: Dataset, lights: Sequence[str], name: str, samples: int) ->
     PanolocError
         No such scene, a light that it has not, or the renderer is not installed.
     """
-    from panoloc_mcl.simulation.backend import backend
-    from panoloc_mcl.simulation.building import build
-    from panoloc_mcl.simulation.scene import load_scene
-    from panoloc_mcl.simulation.world import illuminance
+    from panoloc_mcl.laboratory.simulation.backend import backend
+    from panoloc_mcl.laboratory.simulation.building import build
+    from panoloc_mcl.laboratory.simulation.scene import load_scene
+    from panoloc_mcl.laboratory.simulation.world import illuminance
 
     scene, folder = load_scene(name)
     building, used = build(scene, folder), backend()

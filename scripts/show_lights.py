@@ -15,15 +15,15 @@ import sys
 import cv2
 import numpy as np
 
-from panoloc_mcl.camera import PanoramaGeometry, Unwrapper
-from panoloc_mcl.camera.spec import OmniCamera, PanoramaCamera, PanoramaTarget, UnifiedProfile
-from panoloc_mcl.simulation.backend import backend
-from panoloc_mcl.simulation.building import build
-from panoloc_mcl.simulation.optics import expose, ray_table
-from panoloc_mcl.simulation.renderer import RayCaster
-from panoloc_mcl.simulation.scene import load_scene
-from panoloc_mcl.simulation.settings import Rendering, Sensor
-from panoloc_mcl.simulation.world import World
+from panoloc_mcl.laboratory.simulation.backend import backend
+from panoloc_mcl.laboratory.simulation.building import build
+from panoloc_mcl.laboratory.simulation.optics import expose, ray_table
+from panoloc_mcl.laboratory.simulation.renderer import RayCaster
+from panoloc_mcl.laboratory.simulation.scene import load_scene
+from panoloc_mcl.laboratory.simulation.settings import Rendering, Sensor
+from panoloc_mcl.laboratory.simulation.world import World
+from panoloc_mcl.robot.camera import PanoramaGeometry, Unwrapper
+from panoloc_mcl.robot.camera.spec import OmniCamera, PanoramaCamera, PanoramaTarget, UnifiedProfile
 
 SIZE, RAW = (360, 145), (480, 480)
 PANORAMA = PanoramaCamera(elevation_deg=(-50.0, 25.0), height_m=0.6)

@@ -13,12 +13,11 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from panoloc_mcl.config.model import VotesSettings
-from panoloc_mcl.datasets import read_dataset, resolve_dataset
-from panoloc_mcl.eigenspace.gradients import orientations
-from panoloc_mcl.panorama_map import read_references
-from panoloc_mcl.references import ReferencePanoramas
-from panoloc_mcl.synthesis import ViewSynthesizer, sweep_profiles
+from panoloc_mcl.robot.eigenspace.gradients import orientations
+from panoloc_mcl.robot.references import ReferencePanoramas, read_references
+from panoloc_mcl.robot.settings.observation import VotesSettings
+from panoloc_mcl.robot.synthesis import ViewSynthesizer, sweep_profiles
+from panoloc_mcl.tools.datasets import read_dataset, resolve_dataset
 
 
 def without(references: ReferencePanoramas, index: int) -> ReferencePanoramas:
@@ -39,7 +38,7 @@ def main() -> None:
     parser.add_argument("-o", "--output", default="synthesis.png")
     arguments = parser.parse_args()
     settings = VotesSettings()
-    references = read_references(read_dataset(resolve_dataset(arguments.dataset)))
+    references = read_references(read_dataset(resolve_dataset(arguments.dataset)).references)
     others = without(references, arguments.reference)
     height = others.camera_height_m
     if height is None:

@@ -19,17 +19,17 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from panoloc_mcl.cli.monitor import monitor
-from panoloc_mcl.config import config_from_mapping
-from panoloc_mcl.config.overrides import apply, parse_overrides
-from panoloc_mcl.datasets import Dataset, References, read_dataset, read_image, resolve_dataset
-from panoloc_mcl.datasets.splice import group_of
-from panoloc_mcl.datasets.thinning import thinned
-from panoloc_mcl.errors import ConfigError, PanolocError
-from panoloc_mcl.evaluation import wilson95
-from panoloc_mcl.geometry import angle_difference, wrap_angle
-from panoloc_mcl.map_cache import cached_map
-from panoloc_mcl.observation import ObservationModel, VoteField
+from panoloc_mcl.robot.errors import ConfigError, PanolocError
+from panoloc_mcl.robot.geometry import angle_difference, wrap_angle
+from panoloc_mcl.robot.observation import ObservationModel, VoteField
+from panoloc_mcl.tools.cli.monitor import monitor
+from panoloc_mcl.tools.config import config_from_mapping
+from panoloc_mcl.tools.config.overrides import apply, parse_overrides
+from panoloc_mcl.tools.datasets import Dataset, References, read_dataset, read_image, resolve_dataset
+from panoloc_mcl.tools.datasets.splice import group_of
+from panoloc_mcl.tools.datasets.thinning import thinned
+from panoloc_mcl.tools.evaluation import wilson95
+from panoloc_mcl.tools.runs.map_cache import cached_map
 
 Float64 = NDArray[np.float64]
 

@@ -22,18 +22,18 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from panoloc_mcl.camera import Unwrapper
-from panoloc_mcl.config import config_from_mapping
-from panoloc_mcl.config.model import ObservationSettings
-from panoloc_mcl.config.overrides import apply, parse_overrides
-from panoloc_mcl.corruptions import parse_recipe
-from panoloc_mcl.datasets import Dataset, read_dataset, read_image, resolve_dataset
-from panoloc_mcl.errors import ConfigError, PanolocError
-from panoloc_mcl.evaluation import wilson95
-from panoloc_mcl.map_cache import cached_map
-from panoloc_mcl.observation import VotesModel
-from panoloc_mcl.observation.calibration import RIGHT_WITHIN_M, expected_calibration_error, log_loss
-from panoloc_mcl.panorama_map import PanoramaMap
+from panoloc_mcl.laboratory.corruptions import parse_recipe
+from panoloc_mcl.robot.camera import Unwrapper
+from panoloc_mcl.robot.errors import ConfigError, PanolocError
+from panoloc_mcl.robot.map.panorama_map import PanoramaMap
+from panoloc_mcl.robot.observation import VotesModel
+from panoloc_mcl.robot.observation.calibration import RIGHT_WITHIN_M, expected_calibration_error, log_loss
+from panoloc_mcl.robot.settings.config import ObservationSettings
+from panoloc_mcl.tools.config import config_from_mapping
+from panoloc_mcl.tools.config.overrides import apply, parse_overrides
+from panoloc_mcl.tools.datasets import Dataset, read_dataset, read_image, resolve_dataset
+from panoloc_mcl.tools.evaluation import wilson95
+from panoloc_mcl.tools.runs.map_cache import cached_map
 
 CONDITIONS = ("clean", "bars:0.7", "random_pixels:0.5", "bars:0.5+random_pixels:0.25", "spatial_light", "tilt:2", "tilt:4")
 FOREIGN = "foreign"

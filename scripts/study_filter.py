@@ -20,7 +20,7 @@ Conditions (``--conditions all`` takes them all, in this order):
 
 Vote fields do not depend on the seed, so each image is looked at once.
 
-Every rate is over runs, kidnaps or frames, with its Wilson 95 % interval. Definitions are those of ``panoloc_mcl.evaluation``.
+Every rate is over runs, kidnaps or frames, with its Wilson 95 % interval. Definitions are those of ``panoloc_mcl.tools.evaluation``.
 "After convergence" is from a run's first converged frame on. A kidnap is *noticed* when "lost" or "searching" is reported at one of
 its first three images. What the status is worth: a pose is *right* under 0.5 m and 10 degrees and *wrong* above 1 m or 20 degrees;
 "lost" is justified when the pose is wrong, or at the first three images after a kidnap.
@@ -45,24 +45,24 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from panoloc_mcl.camera import Panorama
-from panoloc_mcl.cli.monitor import monitor
-from panoloc_mcl.config import RunConfig, config_from_mapping
-from panoloc_mcl.config.overrides import apply, parse_overrides
-from panoloc_mcl.datasets import Dataset, Trajectory, read_dataset, read_image, resolve_dataset
-from panoloc_mcl.datasets import Sequence as Drive
-from panoloc_mcl.datasets.splice import group_of, splice
-from panoloc_mcl.errors import ConfigError, PanolocError
-from panoloc_mcl.evaluation import SequenceRecord, evaluate, wilson95
-from panoloc_mcl.evaluation.definitions import is_bad, is_good, is_within
-from panoloc_mcl.evaluation.events import find_events
-from panoloc_mcl.evaluation.tables import PAPER_TABLE_2
-from panoloc_mcl.geometry import between, compose
-from panoloc_mcl.localizer import Localizer
-from panoloc_mcl.map_cache import cached_map
-from panoloc_mcl.observation import ObservationModel, VoteField
-from panoloc_mcl.observation.field import at_headings
-from panoloc_mcl.panorama_map import PanoramaMap
+from panoloc_mcl.robot.camera import Panorama
+from panoloc_mcl.robot.errors import ConfigError, PanolocError
+from panoloc_mcl.robot.geometry import between, compose
+from panoloc_mcl.robot.localizer import Localizer
+from panoloc_mcl.robot.map.panorama_map import PanoramaMap
+from panoloc_mcl.robot.observation import ObservationModel, VoteField
+from panoloc_mcl.robot.observation.field import at_headings
+from panoloc_mcl.tools.cli.monitor import monitor
+from panoloc_mcl.tools.config import RunConfig, config_from_mapping
+from panoloc_mcl.tools.config.overrides import apply, parse_overrides
+from panoloc_mcl.tools.datasets import Dataset, Trajectory, read_dataset, read_image, resolve_dataset
+from panoloc_mcl.tools.datasets import Sequence as Drive
+from panoloc_mcl.tools.datasets.splice import group_of, splice
+from panoloc_mcl.tools.evaluation import SequenceRecord, evaluate, wilson95
+from panoloc_mcl.tools.evaluation.definitions import is_bad, is_good, is_within
+from panoloc_mcl.tools.evaluation.events import find_events
+from panoloc_mcl.tools.evaluation.tables import PAPER_TABLE_2
+from panoloc_mcl.tools.runs.map_cache import cached_map
 
 KIDNAP_EVERY = 20
 NOTICED_WITHIN, RECOVERED_WITHIN = 3, 10

@@ -12,12 +12,12 @@ import sys
 
 import numpy as np
 
-from panoloc_mcl.simulation.backend import backend
-from panoloc_mcl.simulation.building import build
-from panoloc_mcl.simulation.drive import FreeSpace, reference_poses
-from panoloc_mcl.simulation.scene import load_scene
-from panoloc_mcl.simulation.sun import elevation_deg
-from panoloc_mcl.simulation.world import illuminance
+from panoloc_mcl.laboratory.simulation.backend import backend
+from panoloc_mcl.laboratory.simulation.building import build
+from panoloc_mcl.laboratory.simulation.drive import FreeSpace, reference_poses
+from panoloc_mcl.laboratory.simulation.scene import load_scene
+from panoloc_mcl.laboratory.simulation.sun import elevation_deg
+from panoloc_mcl.laboratory.simulation.world import illuminance
 
 #: Minimum, maximum, mean and standard deviation, lux.
 PAPER = {

@@ -4,8 +4,8 @@ from pathlib import Path
 import pytest
 from oracles.furnished_room import build_room
 
-from panoloc_mcl.camera import PanoramaGeometry
-from panoloc_mcl.datasets import Dataset, read_dataset
+from panoloc_mcl.robot.camera import PanoramaGeometry
+from panoloc_mcl.tools.datasets import Dataset, read_dataset
 
 
 @pytest.fixture(scope="session")

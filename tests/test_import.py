@@ -17,7 +17,7 @@ def test_importing_the_package_loads_nothing():
 
 def test_importing_every_public_name_compiles_nothing():
     code = "import panoloc_mcl\nfor name in panoloc_mcl.__all__: getattr(panoloc_mcl, name)\n"
-    code += "from panoloc_mcl.kernels import particles, voting\n"
+    code += "from panoloc_mcl.robot.kernels import particles, voting\n"
     code += "assert not particles.propagate.signatures and not voting.vote.signatures"
     if "NUMBA_DISABLE_JIT" not in __import__("os").environ:
         loaded_after(code)
@@ -29,7 +29,8 @@ def test_configurations_are_read_without_numbers_and_images():
 
 def test_help_loads_nothing_heavy():
     for words in (["--help"], ["run", "--help"], ["--version"]):
-        code = f"from panoloc_mcl.cli.main import main\ntry:\n    main({words!r})\nexcept SystemExit as end:\n    assert end.code == 0"
+        code = "from panoloc_mcl.tools.cli.main import main\n"
+        code += f"try:\n    main({words!r})\nexcept SystemExit as end:\n    assert end.code == 0"
         assert loaded_after(code) == []
 
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from panoloc_mcl.cli.main import COMMANDS
-from panoloc_mcl.config.model import RunConfig
+from panoloc_mcl.tools.cli.main import COMMANDS
+from panoloc_mcl.tools.config.model import RunConfig
 
 README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 

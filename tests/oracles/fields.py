@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from panoloc_mcl.geometry import angle_difference
-from panoloc_mcl.motion import Motion
-from panoloc_mcl.observation import Places, VoteField
+from panoloc_mcl.robot.geometry import angle_difference
+from panoloc_mcl.robot.motion import Motion
+from panoloc_mcl.robot.observation import Places, VoteField
 
 HEADINGS = 72
 CIRCLE = 2.0 * np.pi * np.arange(HEADINGS) / HEADINGS

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from panoloc_mcl.geometry import compose
+from panoloc_mcl.robot.geometry import compose
 
 
 def propagate(particles, turns, ways, sd_turns, sd_ways, normals):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from panoloc_mcl.eigenspace.linear_filters import filter_bank
+from panoloc_mcl.laboratory.peers.linear_filters import filter_bank
 
 
 def turned_back(image):

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from panoloc_mcl.camera import Panorama, PanoramaGeometry
-from panoloc_mcl.references import ReferencePanoramas
+from panoloc_mcl.robot.camera import Panorama, PanoramaGeometry
+from panoloc_mcl.robot.references import ReferencePanoramas
 
 _WAVES = 24
 

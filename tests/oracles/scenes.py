@@ -3,8 +3,8 @@
 import cv2
 import numpy as np
 
-from panoloc_mcl.camera import Panorama, PanoramaGeometry
-from panoloc_mcl.references import ReferencePanoramas
+from panoloc_mcl.robot.camera import Panorama, PanoramaGeometry
+from panoloc_mcl.robot.references import ReferencePanoramas
 
 ROWS, COLUMNS = 20, 60
 

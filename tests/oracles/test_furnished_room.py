@@ -5,10 +5,10 @@ import pytest
 from oracles.furnished_room import LIGHTS, RoomRenderer, build_room, furnished_room, noisy_odometry, wander
 from oracles.furnished_room.build import GRID
 
-from panoloc_mcl.camera import PanoramaGeometry
-from panoloc_mcl.datasets import Trajectory, check_dataset, read_dataset, read_image
-from panoloc_mcl.errors import DatasetError
-from panoloc_mcl.geometry import between
+from panoloc_mcl.robot.camera import PanoramaGeometry
+from panoloc_mcl.robot.errors import DatasetError
+from panoloc_mcl.robot.geometry import between
+from panoloc_mcl.tools.datasets import Trajectory, check_dataset, read_dataset, read_image
 
 ROOM = furnished_room(7)
 GEOMETRY = PanoramaGeometry(120, 48, -50.0, 25.0)

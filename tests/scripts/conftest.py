@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from panoloc_mcl.files import CACHE_VARIABLE
+from panoloc_mcl.robot.files import CACHE_VARIABLE
 
 SCRIPTS = Path(__file__).parents[2] / "scripts"
 SHARED = Path(__file__).parents[3] / "shared" / "data"

@@ -4,8 +4,8 @@ import re
 import pytest
 from oracles.furnished_room import build_room
 
-from panoloc_mcl.camera import PanoramaGeometry
-from panoloc_mcl.observation import MODELS
+from panoloc_mcl.robot.camera import PanoramaGeometry
+from panoloc_mcl.robot.observation import MODELS
 
 
 @pytest.fixture(scope="module")

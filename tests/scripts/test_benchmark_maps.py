@@ -7,11 +7,12 @@ import pytest
 from oracles.rooms import BareRoom
 from oracles.scenes import grid
 
-from panoloc_mcl.camera import PanoramaCamera, PanoramaGeometry
-from panoloc_mcl.config.model import ObservationSettings, VirtualPlacesSettings, VotesSettings
-from panoloc_mcl.datasets import read_dataset
-from panoloc_mcl.datasets.writer import DatasetWriter
-from panoloc_mcl.panorama_map import PanoramaMap
+from panoloc_mcl.robot.camera import PanoramaCamera, PanoramaGeometry
+from panoloc_mcl.robot.map.panorama_map import PanoramaMap
+from panoloc_mcl.robot.settings.config import ObservationSettings
+from panoloc_mcl.robot.settings.observation import VirtualPlacesSettings, VotesSettings
+from panoloc_mcl.tools.datasets import read_dataset
+from panoloc_mcl.tools.datasets.writer import DatasetWriter
 
 ROOM, GEOMETRY = BareRoom(), PanoramaGeometry(90, 36, -50.0, 25.0)
 

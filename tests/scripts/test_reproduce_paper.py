@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from oracles.furnished_room import build_room
 
-from panoloc_mcl.camera import PanoramaGeometry
+from panoloc_mcl.robot.camera import PanoramaGeometry
 
 from .conftest import SCRIPTS
 
@@ -68,7 +68,7 @@ def test_faults_are_one_line(script, capsys, tmp_path, words, said):
 def test_seeds_are_as_many_as_runs_and_passes_ask_for(script, hall):
     import argparse
 
-    from panoloc_mcl.datasets import read_dataset
+    from panoloc_mcl.tools.datasets import read_dataset
 
     dataset = read_dataset(hall)
     effort = script.effort_for(dataset, argparse.Namespace(quick=False, seeds=None, figure_seeds=None))

@@ -4,12 +4,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from panoloc_mcl.config import RunConfig
-from panoloc_mcl.datasets import Trajectory
-from panoloc_mcl.geometry import between
-from panoloc_mcl.localizer import Localizer
-from panoloc_mcl.map_cache import cached_map
-from panoloc_mcl.observation.field import at_headings
+from panoloc_mcl.robot.geometry import between
+from panoloc_mcl.robot.localizer import Localizer
+from panoloc_mcl.robot.observation.field import at_headings
+from panoloc_mcl.tools.config import RunConfig
+from panoloc_mcl.tools.datasets import Trajectory
+from panoloc_mcl.tools.runs.map_cache import cached_map
 
 
 @pytest.fixture(scope="module")

@@ -12,11 +12,11 @@ from oracles.furnished_room.light import LIGHTS
 from oracles.furnished_room.render import RoomRenderer
 from oracles.furnished_room.scene import furnished_room
 
-from panoloc_mcl.camera.panorama import PanoramaGeometry
-from panoloc_mcl.camera.spec import PanoramaCamera
-from panoloc_mcl.datasets.trajectory import Trajectory
-from panoloc_mcl.datasets.writer import DatasetWriter
-from panoloc_mcl.errors import DatasetError
+from panoloc_mcl.robot.camera.panorama import PanoramaGeometry
+from panoloc_mcl.robot.camera.spec import PanoramaCamera
+from panoloc_mcl.robot.errors import DatasetError
+from panoloc_mcl.tools.datasets.trajectory import Trajectory
+from panoloc_mcl.tools.datasets.writer import DatasetWriter
 
 Progress = Callable[[int, int], None]
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from oracles.furnished_room.scene import Room
 
-from panoloc_mcl.datasets.trajectory import Trajectory
-from panoloc_mcl.geometry import between, compose, wrap_angle
+from panoloc_mcl.robot.geometry import between, compose, wrap_angle
+from panoloc_mcl.tools.datasets.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from oracles.furnished_room.light import FloatImage, Light, bake
 from oracles.furnished_room.scene import Box, Room, face_size
 
-from panoloc_mcl.camera.panorama import PanoramaGeometry
+from panoloc_mcl.robot.camera.panorama import PanoramaGeometry
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]

@@ -1,6 +1,0 @@
-"""Comparisons: a matrix of runs, on one machine or many, and what differs between them."""
-
-from panoloc_mcl.comparison.matrix import Cell, Matrix, load_matrix, matrix_from_mapping
-from panoloc_mcl.comparison.study import Study, compare
-
-__all__ = ["Cell", "Matrix", "Study", "compare", "load_matrix", "matrix_from_mapping"]

@@ -1,0 +1,1 @@
+"""The laboratory: simulation, corruptions, models to compare with, comparisons and studies."""

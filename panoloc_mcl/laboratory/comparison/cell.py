@@ -1,0 +1,367 @@
+"""One cell of a comparison: run it, key it by all that it depends on, keep it in a file, read it back."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from threading import Lock
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from panoloc_mcl import __version__
+from panoloc_mcl.laboratory.comparison.matrix import Cell
+from panoloc_mcl.laboratory.corruptions import Recipe, parse_recipe
+from panoloc_mcl.robot.camera import Panorama, to_mapping
+from panoloc_mcl.robot.errors import DatasetError, PanolocError, ResultsError
+from panoloc_mcl.robot.files import read_arrays, write_arrays
+from panoloc_mcl.robot.geometry import FloatArray
+from panoloc_mcl.robot.map.panorama_map import PanoramaMap
+from panoloc_mcl.robot.observation import ObservationModel, VoteField, model_named
+from panoloc_mcl.tools.config import RunConfig
+from panoloc_mcl.tools.datasets import Dataset, read_dataset, resolve_dataset
+from panoloc_mcl.tools.datasets import Sequence as Drive
+from panoloc_mcl.tools.datasets.thinning import thinned
+from panoloc_mcl.tools.evaluation import SequenceRecord
+from panoloc_mcl.tools.evaluation.definitions import STATUSES
+from panoloc_mcl.tools.runs.map_cache import cached_map
+from panoloc_mcl.tools.runs.pipeline import Task, check_task, localize, make_tasks
+
+FORMAT = "panoloc-cell/1"
+# Parts that change no figure.
+_WITHOUT_FIGURES = ("cli/", "comparison/", "report/", "simulation/", "__init__.py")
+_MAPS_KEPT = 4
+# Of a record, in the file of a cell; besides them status and truth.
+_ARRAYS = ("times", "poses", "best_place", "step_ms", "kidnapped")
+
+# One cell at a time in a process: limits of BLAS hold for all of its threads.
+_LOCK = Lock()
+
+
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """What a cell gave.
+
+    Parameters
+    ----------
+    records : tuple of SequenceRecord
+        One a sequence.
+    places : float64 (P, 2)
+        Positions of the references; ``best_place`` of the records counts in them.
+    """
+
+    records: tuple[SequenceRecord, ...]
+    places: FloatArray
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A cell that could not be run.
+
+    Parameters
+    ----------
+    text : str
+        Why, in one line.
+    unfit : bool
+        It is the worker that lacks something, not the cell that is wrong.
+    """
+
+    text: str
+    unfit: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """A cell with the hashes of the data that it is meant for.
+
+    Parameters
+    ----------
+    cell : Cell
+    data : str
+        Digest of references and sequences.
+    key : str
+        Digest of everything: names the cell's file.
+    map : str
+        Names the map that is needed: jobs with the same one can share it.
+    """
+
+    cell: Cell
+    data: str
+    key: str
+    map: str
+
+
+def make_job(cell: Cell, dataset: Dataset) -> Job:
+    """Key a cell.
+
+    Raises
+    ------
+    DatasetError
+        Files of the data set, or the map, cannot be read.
+    """
+    data = data_digest(dataset, cell.config)
+    settings = cell.config.model_dump(mode="json")
+    # Where things lie and how many threads work changes no figure.
+    for name in ("name", "dataset", "out", "map"):
+        settings.pop(name)
+    settings["localizer"]["monte_carlo"].pop("threads")
+    description = {
+        "format": FORMAT,
+        "code": code_digest(),
+        "config": settings,
+        "corruption": cell.condition["corruption"],
+        "references": cell.method["references"],
+        "frames": cell.frames,
+        "data": data,
+    }
+    key = hashlib.sha256(json.dumps(description, sort_keys=True).encode()).hexdigest()[:32]
+    return Job(cell, data, key, json.dumps(_key_of_map(cell, dataset)))
+
+
+@lru_cache(maxsize=1)
+def code_digest() -> str:
+    """Digest of all code of this package that figures can depend on: cells of other code are run again."""
+    root = Path(__file__).parents[2]
+    digest = hashlib.sha256(__version__.encode())
+    for file in sorted(root.rglob("*.py")):
+        name = file.relative_to(root).as_posix()
+        if not name.startswith(_WITHOUT_FIGURES) or name == "comparison/cell.py":
+            digest.update(name.encode() + file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def data_digest(dataset: Dataset, config: RunConfig) -> str:
+    """Digest of all data that a run reads: references, sequences, and the map file if there is one."""
+    digest = hashlib.sha256(_references_digest(dataset).encode())
+    for drive in dataset.select(config.sequences):
+        digest.update(_drive_digest(drive).encode())
+    if config.map is not None:
+        digest.update(_content(config.map))
+    return digest.hexdigest()
+
+
+def prepare(job: Job) -> None:
+    """Build the map that a job needs into the cache; what goes wrong is told when the job runs."""
+    try:
+        with _LOCK, threadpool_limits(1, user_api="blas"):
+            _map(job, _dataset(job.cell.config.dataset))
+    except Exception:
+        return
+
+
+def attempt(job: Job) -> Runs | Failure:
+    """Run a job; whatever goes wrong becomes one line."""
+    try:
+        with _LOCK, threadpool_limits(1, user_api="blas"):
+            return run_cell(job)
+    except UnfitWorkerError as error:
+        return Failure(str(error), unfit=True)
+    except PanolocError as error:
+        return Failure("; ".join(error.faults))
+    except Exception as error:
+        return Failure(" ".join(f"{type(error).__name__}: {error}".split()))
+
+
+class UnfitWorkerError(DatasetError):
+    """The data that a job is meant for are not here, or are others."""
+
+
+def run_cell(job: Job) -> Runs:
+    """Localize over the sequences of a cell.
+
+    Raises
+    ------
+    UnfitWorkerError
+        The data set is not here, or is another one.
+    PanolocError
+        As `panoloc_mcl.tools.runs.pipeline.run`.
+    """
+    config = job.cell.config
+    dataset = _checked_dataset(job)
+    panorama_map, model = _map(job, dataset)
+    recipe = parse_recipe(job.cell.condition["corruption"])
+    if recipe.changes_images:
+        model = cast(ObservationModel, _Disturbed(model, recipe, config.seed, panorama_map))
+    records = []
+    for task in make_tasks(dataset, config):
+        check_task(task, panorama_map, config)
+        shortened = _shortened(task, recipe, config.seed, job.cell.frames)
+        record, _, _ = localize(shortened, 0, panorama_map, model, config)
+        records.append(record)
+    return Runs(tuple(records), panorama_map.references.positions)
+
+
+def _checked_dataset(job: Job) -> Dataset:
+    config = job.cell.config
+    for last in (False, True):
+        try:
+            dataset = _dataset(config.dataset)
+            if data_digest(dataset, config) == job.data:
+                return dataset
+            fault = f"{dataset.path}: holds other data than where the comparison was started; copy the data set here"
+        except PanolocError as error:
+            fault = "; ".join(error.faults)
+        if last:
+            raise UnfitWorkerError(fault)
+        # A worker lives long: the data may have come after it first looked.
+        forget_data()
+    raise AssertionError("unreachable")
+
+
+def forget_data() -> None:
+    """Look at all files anew: they may have changed since the last comparison in this process."""
+    _dataset.cache_clear()
+    _content.cache_clear()
+
+
+class _Disturbed:
+    """An observation model that sees corrupted panoramas. The same panorama is always corrupted in the same way, so that
+    methods are compared on the same images."""
+
+    def __init__(self, model: ObservationModel, recipe: Recipe, seed: int, panorama_map: PanoramaMap) -> None:
+        self._model, self._recipe = model, recipe
+        self._salt = (seed, zlib.crc32(recipe.text.encode()))
+        geometry = panorama_map.geometry
+        self._field_deg = geometry.elevation_top_deg - geometry.elevation_bottom_deg
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._model, name)
+
+    def observe(self, panorama: Panorama, headings: NDArray[np.float64] | None = None) -> VoteField:
+        """Votes of the corrupted panorama."""
+        grey = np.clip(np.rint(panorama.pixels), 0.0, 255.0).astype(np.uint8)
+        rng = np.random.default_rng((*self._salt, zlib.crc32(grey.tobytes())))
+        pixels = self._recipe.image(grey, rng, self._field_deg).astype(np.float32)
+        if panorama.valid is not None:
+            pixels[~panorama.valid] = 0.0
+        return self._model.observe(Panorama(pixels, panorama.valid), headings)
+
+
+def _shortened(task: Task, recipe: Recipe, seed: int, frames: int | None) -> Task:
+    """The first frames of a drive, without those that the recipe drops."""
+    drive = task.drive
+    count = len(drive) if frames is None else min(frames, len(drive))
+    rng = np.random.default_rng((seed, zlib.crc32(recipe.text.encode()), zlib.crc32(drive.name.encode())))
+    left = recipe.frames(count, rng)
+    if len(left) == len(drive):
+        return task
+    if not len(left):
+        raise DatasetError(f"sequence {drive.name}: no frame is left of {count}; drop fewer")
+    # A teleport at a dropped frame counts at the next one.
+    before = np.concatenate([[0], np.cumsum(task.kidnapped)])[left + 1]
+    kidnapped = np.concatenate([[False], np.diff(before) > 0])
+    files = tuple(drive.files[index] for index in left)
+    return Task(replace(drive, times=drive.times[left], files=files), kidnapped)
+
+
+@lru_cache(maxsize=16)
+def _dataset(given: str) -> Dataset:
+    return read_dataset(resolve_dataset(given))
+
+
+@lru_cache(maxsize=100_000)
+def _content(path: Path) -> bytes:
+    try:
+        return hashlib.sha256(path.read_bytes()).digest()
+    except OSError as error:
+        raise DatasetError(f"{path}: cannot be read ({error.strerror}); check the path and permissions") from error
+
+
+def _references_digest(dataset: Dataset) -> str:
+    references = dataset.references
+    digest = hashlib.sha256(json.dumps(to_mapping(references.camera), sort_keys=True).encode())
+    digest.update(references.poses.tobytes())
+    return _with_files(digest.hexdigest(), references.files)
+
+
+def _drive_digest(drive: Drive) -> str:
+    digest = hashlib.sha256(json.dumps([drive.name, to_mapping(drive.camera)], sort_keys=True).encode())
+    digest.update(drive.times.tobytes())
+    for trajectory in (drive.odometry, drive.groundtruth):
+        digest.update(b"none" if trajectory is None else trajectory.times.tobytes() + trajectory.poses.tobytes())
+    return _with_files(digest.hexdigest(), drive.files)
+
+
+def _with_files(start: str, files: Sequence[Path]) -> str:
+    digest = hashlib.sha256(start.encode())
+    for file in files:
+        digest.update(file.name.encode() + _content(file))
+    return digest.hexdigest()
+
+
+MapKey = tuple[str, str, str, int]
+_MAPS: dict[MapKey, tuple[PanoramaMap, ObservationModel]] = {}
+
+
+def _key_of_map(cell: Cell, dataset: Dataset) -> MapKey:
+    config = cell.config
+    source = _references_digest(dataset) if config.map is None else _content(config.map).hex()
+    seed = config.seed if model_named(config.observation.model).draws else 0
+    return source, cell.method["references"], config.observation.model_dump_json(), seed
+
+
+def _map(job: Job, dataset: Dataset) -> tuple[PanoramaMap, ObservationModel]:
+    """The map that a job needs; the last few are kept in memory, all of them in the cache of files."""
+    key = _key_of_map(job.cell, dataset)
+    if key not in _MAPS:
+        while len(_MAPS) >= _MAPS_KEPT:
+            _MAPS.pop(next(iter(_MAPS)))
+        config = job.cell.config
+        if config.map is not None:
+            panorama_map = PanoramaMap.load(config.map)
+        else:
+            used = replace(dataset, references=thinned(dataset.references, job.cell.method["references"]))
+            panorama_map = cached_map(used, config.observation, config.seed)
+        _MAPS[key] = panorama_map, panorama_map.observation_model(config.observation)
+    return _MAPS[key]
+
+
+def write_runs(path: Path, job: Job, runs: Runs) -> None:
+    """Keep what a cell gave, whole or not at all.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    """
+    arrays: dict[str, NDArray[Any]] = {"places": runs.places}
+    for index, record in enumerate(runs.records):
+        arrays |= {f"{index}.{name}": getattr(record, name) for name in _ARRAYS}
+        arrays[f"{index}.status"] = np.array([STATUSES.index(status) for status in record.status], dtype=np.int8)
+        if record.truth is not None:
+            arrays[f"{index}.truth"] = record.truth
+    names = [record.name for record in runs.records]
+    write_arrays(path, {"format": FORMAT, "key": job.key, "cell": job.cell.axes, "sequences": names}, arrays)
+
+
+def read_runs(path: Path, key: str) -> Runs:
+    """Read what a cell gave.
+
+    Raises
+    ------
+    ResultsError
+        Missing, cut short, or of another cell: to be run again.
+    """
+    try:
+        header, arrays = read_arrays(path)
+        if header.get("format") != FORMAT or header.get("key") != key:
+            raise ValueError(f"is cell {header.get('key')}")
+        records = []
+        for index, name in enumerate(header["sequences"]):
+            own: dict[str, Any] = {entry: arrays[f"{index}.{entry}"] for entry in _ARRAYS}
+            status = tuple(STATUSES[int(code)] for code in arrays[f"{index}.status"])
+            records.append(
+                SequenceRecord(
+                    name=name, run=0, status=status, truth=cast(FloatArray | None, arrays.get(f"{index}.truth")), **own
+                )
+            )
+        return Runs(tuple(records), np.asarray(arrays["places"], dtype=np.float64))
+    except (OSError, ValueError, LookupError, ResultsError) as error:
+        raise ResultsError(f"{path}: cannot be used ({error}); the cell is run again") from error

@@ -1,0 +1,20 @@
+"""Corruptions of images and sequences for tests and studies: one definition used by all."""
+
+from panoloc_mcl.laboratory.corruptions.images import bars, blobs, blur, gain, noise, random_pixels, spatial_light, tilt
+from panoloc_mcl.laboratory.corruptions.recipe import CORRUPTIONS, Recipe, parse_recipe
+from panoloc_mcl.laboratory.corruptions.sequences import drop_frames
+
+__all__ = [
+    "CORRUPTIONS",
+    "Recipe",
+    "bars",
+    "blobs",
+    "blur",
+    "drop_frames",
+    "gain",
+    "noise",
+    "parse_recipe",
+    "random_pixels",
+    "spatial_light",
+    "tilt",
+]

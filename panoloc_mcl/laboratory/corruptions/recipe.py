@@ -1,0 +1,195 @@
+"""Corruptions by name: what ``bars:0.7+random_pixels:0.25`` means."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from panoloc_mcl.laboratory.corruptions import images
+from panoloc_mcl.laboratory.corruptions.sequences import drop_frames
+from panoloc_mcl.robot.errors import ConfigError
+from panoloc_mcl.robot.settings.validation import StrictModel, parse_yaml, validate
+
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+Degrees = Annotated[float, Field(gt=0.0, le=180.0)]
+
+
+class _OfShare(StrictModel):
+    share: Share
+
+
+class _Bars(_OfShare):
+    count: Annotated[int, Field(ge=1, le=1000)] = 4
+
+
+class _Blobs(_OfShare):
+    size_deg: Degrees = 10.0
+
+
+class _Gain(StrictModel):
+    factor: Annotated[float, Field(ge=0.0, le=256.0)]
+
+
+class _SpatialLight(StrictModel):
+    log_sd: Annotated[float, Field(ge=0.0, le=5.0)] = 0.6
+    gain: Annotated[float, Field(ge=0.0, le=256.0)] = 0.12
+    scale_deg: Degrees = 30.0
+    full_well: Annotated[float, Field(ge=0.0, le=1e9)] = 10_000.0
+    read_noise: Annotated[float, Field(ge=0.0, le=1e6)] = 8.0
+
+
+class _Blur(StrictModel):
+    sigma: Annotated[float, Field(ge=0.0, le=1000.0)]
+
+
+class _Tilt(StrictModel):
+    degrees: Annotated[float, Field(ge=0.0, le=45.0)]
+
+
+class _Noise(StrictModel):
+    sd: Annotated[float, Field(ge=0.0, le=255.0)]
+
+
+@dataclass(frozen=True)
+class Corruption:
+    """One kind of corruption.
+
+    Parameters
+    ----------
+    apply : callable
+        A function of `panoloc_mcl.laboratory.corruptions.images`, or `drop_frames`.
+    parameters : type
+        Its severities with their ranges; the first one may be written without its name.
+    of_sequences : bool
+        It takes frames away, and leaves images as they are.
+    needs_field : bool
+        It is told the vertical field of the panorama.
+    """
+
+    apply: Callable[..., NDArray[Any]]
+    parameters: type[StrictModel]
+    of_sequences: bool = False
+    needs_field: bool = False
+
+
+#: All of them, by the names that recipes use.
+CORRUPTIONS: dict[str, Corruption] = {
+    "random_pixels": Corruption(images.random_pixels, _OfShare),
+    "bars": Corruption(images.bars, _Bars),
+    "blobs": Corruption(images.blobs, _Blobs),
+    "gain": Corruption(images.gain, _Gain),
+    "spatial_light": Corruption(images.spatial_light, _SpatialLight),
+    "blur": Corruption(images.blur, _Blur),
+    "tilt": Corruption(images.tilt, _Tilt, needs_field=True),
+    "noise": Corruption(images.noise, _Noise),
+    "drop_frames": Corruption(drop_frames, _OfShare, of_sequences=True),
+}
+
+#: The recipe that changes nothing.
+CLEAN = "clean"
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Corruptions one after the other.
+
+    Parameters
+    ----------
+    text : str
+        As it was written.
+    steps : tuple of (Corruption, dict)
+        Each with its severities.
+    """
+
+    text: str
+    steps: tuple[tuple[Corruption, dict[str, Any]], ...]
+
+    @property
+    def changes_images(self) -> bool:
+        """Whether any step is about images."""
+        return any(not corruption.of_sequences for corruption, _ in self.steps)
+
+    def image(self, image: NDArray[np.uint8], rng: np.random.Generator, vertical_field_deg: float) -> NDArray[np.uint8]:
+        """The corrupted image.
+
+        Parameters
+        ----------
+        image : uint8 (rows, columns) or (rows, columns, channels)
+            A panorama, columns clockwise over the full circle; it is not changed.
+        rng : Generator
+        vertical_field_deg : float
+            Elevations that its rows cover, degrees.
+
+        Returns
+        -------
+        uint8, same shape
+        """
+        corrupted = image.copy()
+        for corruption, severities in self.steps:
+            if not corruption.of_sequences:
+                field = {"vertical_field_deg": vertical_field_deg} if corruption.needs_field else {}
+                corrupted = corruption.apply(corrupted, rng, **severities, **field)
+        return corrupted
+
+    def frames(self, count: int, rng: np.random.Generator) -> NDArray[np.int64]:
+        """Ascending indices of the frames that are left of ``count``, int64 (n,)."""
+        left = np.arange(count, dtype=np.int64)
+        for corruption, severities in self.steps:
+            if corruption.of_sequences:
+                left = left[corruption.apply(len(left), rng, **severities)]
+        return left
+
+
+def parse_recipe(text: str) -> Recipe:
+    """Read a recipe.
+
+    Parameters
+    ----------
+    text : str
+        Steps joined by ``+``, each a name of ``CORRUPTIONS`` and, after a colon, its severities joined by commas:
+        ``bars:0.7``, ``bars:0.7,count=2+noise:3``, ``spatial_light``. Or ``clean``.
+
+    Raises
+    ------
+    ConfigError
+        Names that there are not, severities that are missing, out of range or not numbers; one line each.
+    """
+    if text.strip() == CLEAN:
+        return Recipe(text, ())
+    steps = []
+    faults: list[str] = []
+    for part in text.split("+"):
+        try:
+            steps.append(_step(part.strip(), f"corruption '{text}'"))
+        except ConfigError as error:
+            faults.extend(error.faults)
+    if faults:
+        raise ConfigError(faults)
+    return Recipe(text, tuple(steps))
+
+
+def _step(text: str, source: str) -> tuple[Corruption, dict[str, Any]]:
+    name, _, severities = text.partition(":")
+    corruption = CORRUPTIONS.get(name)
+    if corruption is None:
+        close = difflib.get_close_matches(name, [*CORRUPTIONS, CLEAN], n=1, cutoff=0.5)
+        remedy = f"did you mean '{close[0]}'?" if close else f"known: {', '.join([*CORRUPTIONS, CLEAN])}"
+        raise ConfigError(f"{source}: unknown corruption '{name}'; {remedy}")
+    first = next(iter(corruption.parameters.model_fields))
+    given: dict[str, Any] = {}
+    for position, entry in enumerate(severities.split(",") if severities else ()):
+        key, separator, value = (word.strip() for word in entry.partition("="))
+        if not separator:
+            if position:
+                raise ConfigError(f"{source}: '{entry}' in '{text}' has no name; write NAME={entry.strip()}")
+            key, value = first, key
+        if key in given:
+            raise ConfigError(f"{source}: '{key}' is given twice in '{text}'; drop one")
+        given[key] = parse_yaml(value, source, locate=False)
+    return corruption, validate(corruption.parameters, given, f"{source}: {name}").model_dump()

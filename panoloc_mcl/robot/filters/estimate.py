@@ -1,0 +1,143 @@
+"""What a localizer answers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from panoloc_mcl.robot.observation.field import VoteField
+
+Float64 = NDArray[np.float64]
+
+
+class Status(StrEnum):
+    """What the localizer thinks of itself.
+
+    SEARCHING: the belief is spread out. CONVERGED: one compact cluster holds nearly all of it. AMBIGUOUS: two or more clusters hold
+    much of it. LOST: it had converged, but the images no longer fit, the last one says that the robot is likely elsewhere, or it
+    refutes the pose that the answer before was sure of.
+    """
+
+    SEARCHING = "searching"
+    CONVERGED = "converged"
+    AMBIGUOUS = "ambiguous"
+    LOST = "lost"
+
+
+@dataclass(frozen=True, eq=False)
+class Cluster:
+    """One hypothesis about the pose.
+
+    Parameters
+    ----------
+    pose : float64 (3,)
+        Mean of its particles; the heading's is circular. Metres, radians.
+    covariance : float64 (3, 3)
+    mass : float
+        Share of the whole weight.
+    """
+
+    pose: Float64
+    covariance: Float64
+    mass: float
+
+    @property
+    def spread_m(self) -> float:
+        """Standard deviation of the position along its longest axis, metres: root of the larger eigenvalue."""
+        (xx, xy), (_, yy) = self.covariance[:2, :2].tolist()
+        return math.sqrt(max(0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy), 0.0))
+
+    @property
+    def spread_deg(self) -> float:
+        """Standard deviation of the heading, degrees."""
+        return math.degrees(math.sqrt(max(float(self.covariance[2, 2]), 0.0)))
+
+
+@dataclass(frozen=True, eq=False)
+class FilterState:
+    """The belief of a filter after an image.
+
+    Parameters
+    ----------
+    clusters : tuple of Cluster
+        By falling mass, at least one.
+    status : Status
+    match : float
+        Share of the best cell's likelihood that the prediction explained: near 1 when the image came as expected, near 0 when the
+        robot must be elsewhere. NaN when the image said nothing.
+    best_place : int
+        Place that the filter reports.
+    best_place_votes : float
+        Its votes at the reported heading; NaN when the image said nothing.
+    particle_count, injected : int
+        Particles, and how many of them were drawn from this image.
+    effective_count : float
+        N_eff before resampling.
+    resampled : bool
+    elsewhere : float
+        Probability, the image seen, that the robot is not where odometry led: near 0 when the image came as expected. NaN where the
+        filter does not know.
+    """
+
+    clusters: tuple[Cluster, ...]
+    status: Status
+    match: float
+    best_place: int
+    best_place_votes: float
+    particle_count: int
+    injected: int
+    effective_count: float
+    resampled: bool
+    elsewhere: float = math.nan
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Answer to one image.
+
+    Parameters
+    ----------
+    timestamp : float
+        Of the belief: that of the newest image, seconds.
+    pose : float64 (3,)
+        (x, y, heading) in the map frame at that time, metres and radians: the mean of the heaviest cluster, never of two.
+    covariance : float64 (3, 3)
+        Of the same cluster.
+    status : Status
+    message : str
+        What was wrong with this image or with odometry since the last one; empty when nothing was.
+    state : FilterState
+        Clusters, particle count, N_eff and the other figures behind the status.
+    vote_field : VoteField or None
+        What the image said; None when its time stamp could not be used.
+    stage_ms : dict
+        Milliseconds of each stage, in order.
+    """
+
+    timestamp: float
+    pose: Float64
+    covariance: Float64
+    status: Status
+    message: str
+    state: FilterState
+    vote_field: VoteField | None
+    stage_ms: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def clusters(self) -> tuple[Cluster, ...]:
+        """All hypotheses, by falling mass."""
+        return self.state.clusters
+
+    @property
+    def best_place(self) -> int:
+        """Index of the reported place."""
+        return self.state.best_place
+
+    @property
+    def best_place_votes(self) -> float:
+        """Votes of the reported place; NaN when the image said nothing."""
+        return self.state.best_place_votes

@@ -1,0 +1,145 @@
+"""What one image says about poses, relative to what it says on the mean over the map; and how it is shared out to particles."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from panoloc_mcl.robot.filters.prior import Prior, gaussian
+from panoloc_mcl.robot.measurement import PoseMeasurement
+from panoloc_mcl.robot.motion import Motion, carried
+from panoloc_mcl.robot.observation.field import VoteField
+from panoloc_mcl.robot.settings.localizer import MonteCarloSettings
+
+Float64 = NDArray[np.float64]
+
+# Cells so many standard deviations below the best add nothing to the mean of a field.
+_DEEPEST = 5.0
+# Votes change little from one degree to the next: so many headings are enough for the mean.
+_HEADINGS = 90
+_TINY = float(np.finfo(np.float64).tiny)
+
+
+@dataclass(frozen=True, eq=False)
+class Likelihood:
+    """One image.
+
+    Parameters
+    ----------
+    votes : VoteField
+    measured : (float64 (3,), float64 (3, 3)) or None
+        The pose that the image gives by itself at the particles' time, and its covariance.
+    doubt : float
+        Chance that the image is wrong about the pose.
+    floor : float
+        Least likelihood by the votes.
+    sharpness : float
+        Power that the likelihood by the votes is taken to, 1 at most.
+    mean : float
+        Likelihood by the votes, averaged over the map.
+    uniform : float
+        Density of a robot that may be anywhere.
+    """
+
+    votes: VoteField
+    measured: tuple[Float64, Float64] | None
+    doubt: float
+    floor: float
+    sharpness: float
+    mean: float
+    uniform: float
+
+    @classmethod
+    def of(cls, votes: VoteField, offset: Motion | None, gap: float, uniform: float, settings: MonteCarloSettings) -> Self:
+        """As the settings have it.
+
+        While particles lie far apart, each stands for all around it: the likelihood by the votes is blurred with the ``gap`` between
+        them (Pfaff, Burgard & Fox 2006). Votes fall by one tolerance over ``annealing_m``, so gaps add to the tolerance by squares.
+
+        Parameters
+        ----------
+        votes : VoteField
+        offset : Motion, optional
+            From the particles' time to the image's. Its noise, the other way, adds to that of the measured pose.
+        gap : float
+            Metres.
+        uniform : float
+        settings : MonteCarloSettings
+        """
+        sharpness = 1.0 / (1.0 + (gap / settings.annealing_m) ** 2) if settings.annealing_m > 0.0 else 1.0
+        measured = None
+        if votes.measurement is not None and settings.measured_share > 0.0 and _sharper_than_votes(votes, votes.measurement):
+            measured = votes.measurement.pose, votes.measurement.covariance
+            if offset is not None:
+                measured = carried(*measured, offset.reversed())
+        deepest = np.float32(votes.peak.votes - _DEEPEST * votes.tolerance / math.sqrt(sharpness))
+        flat = votes.votes[:: max(1, len(votes.headings) // _HEADINGS)].ravel()
+        likely = flat[np.flatnonzero(flat >= deepest)]
+        mean = float(votes.likelihood(likely, sharpness).sum()) / flat.size
+        floor, doubt = settings.floor, max(settings.measured_doubt, votes.doubt)
+        # Blocks of particles may be read in several threads at once; what they share is worked out here.
+        _ = votes.peak, votes.places.raster
+        return cls(votes, measured, doubt, floor, sharpness, (1.0 - floor) * mean + floor, uniform)
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether the image knows its own doubt."""
+        return not math.isnan(self.votes.confidence)
+
+    def by_votes(self, poses: Float64) -> Float64:
+        """By the votes at poses (n, 3) at the image's time, relative to the best cell: 1 at most (but for interpolation)."""
+        return self.votes.likelihood(self.votes.read(poses), self.sharpness, self.floor)
+
+    def wrong(self, fit: Float64) -> Float64:
+        """All of the likelihood but what the measured pose says, relative to its mean over the map, from `by_votes`."""
+        if self.measured is not None:
+            return fit * (self.doubt / self.mean)
+        values = fit * ((1.0 - self.doubt) / self.mean)
+        values += self.doubt
+        return values
+
+    def at_measured(self, poses: Float64, prior: Prior) -> tuple[Float64, Float64]:
+        """What the measured pose says at poses (n, 3), and what was expected, both relative to their mean over the map."""
+        assert self.measured is not None
+        return gaussian(poses, *self.measured) / self.uniform, prior.density(poses) / self.uniform
+
+
+def _sharper_than_votes(votes: VoteField, measurement: PoseMeasurement) -> bool:
+    """A measured pose that is not says nothing, for instance that of an image that shares hardly a pixel with the view there."""
+    return float(np.linalg.eigvalsh(measurement.covariance[:2, :2])[-1]) < votes.places.spacing**2
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Who represents what after an image.
+
+    Parameters
+    ----------
+    elsewhere : float
+        Chance, before the image, that the robot is not where odometry led.
+    predicted, from_pose, from_votes : int
+        Particles that odometry moved, that are drawn from the measured pose, and from the votes.
+    """
+
+    elsewhere: float
+    predicted: int
+    from_pose: int
+    from_votes: int
+
+    def predicted_part(self, said: Float64, expected: Float64) -> Float64:
+        """What predicted particles get for the measured pose.
+
+        Particles of both kinds lie where image and prediction agree; each has the share of what is there that particles of its kind
+        have in all (the balance heuristic of Veach & Guibas 1995).
+        """
+        ours, theirs = self.predicted * expected, self.from_pose * said
+        return np.asarray(said * ours / np.maximum(ours + theirs, _TINY))
+
+    def drawn_part(self, said: Float64, expected: Float64) -> Float64:
+        """The same of particles that were drawn from the measured pose."""
+        ours, theirs = self.predicted * expected, self.from_pose * said
+        return np.asarray(theirs * expected / np.maximum(ours + theirs, _TINY))

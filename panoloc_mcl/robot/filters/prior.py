@@ -1,0 +1,79 @@
+"""What is believed before an image is seen, as a density; and what its pose is worth against it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from panoloc_mcl.robot.filters.clusters import find_clusters
+from panoloc_mcl.robot.filters.estimate import Cluster
+from panoloc_mcl.robot.geometry import angle_difference
+from panoloc_mcl.robot.observation.places import Places
+
+Float64 = NDArray[np.float64]
+
+# Particles that the hypotheses are found among: many enough for their moments, few enough to cost nothing.
+_LOOKED_AT = 1024
+# Odometry and measured poses now and then err by more than their covariances say: this share of the density lies this much wider.
+_WIDER_SHARE, _WIDER_M, _WIDER_RAD = 0.1, 0.1, math.radians(2.0)
+# A cluster of equal particles has no volume.
+_LEAST_M, _LEAST_RAD = 1e-4, 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """The hypotheses of a belief.
+
+    Parameters
+    ----------
+    clusters : tuple of Cluster
+    """
+
+    clusters: tuple[Cluster, ...]
+
+    @classmethod
+    def of(cls, poses: Float64, weights: Float64) -> Self:
+        """From particles (n, 3) and their weights (n,), of which every so many-th is looked at."""
+        step = -(-len(poses) // _LOOKED_AT)
+        some = weights[::step]
+        total = float(some.sum())
+        if total <= 0.0:
+            step, some, total = 1, weights, 1.0
+        return cls(find_clusters(poses[::step], some / total))
+
+    def gap(self, count: int) -> float:
+        """How far apart so many particles are, metres: spread of the hypotheses over the third root of the count."""
+        spread = sum(cluster.mass * math.sqrt(max(np.trace(cluster.covariance[:2, :2]), 0.0)) for cluster in self.clusters)
+        return float(spread / count ** (1.0 / 3.0))
+
+    def density(self, poses: Float64) -> Float64:
+        """At poses (n, 3): one over square metres and radians, float64 (n,)."""
+        out = np.zeros(len(poses))
+        for cluster in self.clusters:
+            floor = np.diag([_LEAST_M**2, _LEAST_M**2, _LEAST_RAD**2])
+            wider = np.diag([_WIDER_M**2, _WIDER_M**2, _WIDER_RAD**2])
+            out += (1.0 - _WIDER_SHARE) * cluster.mass * gaussian(poses, cluster.pose, cluster.covariance + floor)
+            out += _WIDER_SHARE * cluster.mass * gaussian(poses, cluster.pose, cluster.covariance + wider)
+        return out
+
+
+def gaussian(poses: Float64, mean: Float64, covariance: Float64) -> Float64:
+    """Density of a normal distribution of poses, (n, 3), one over square metres and radians; headings by the shorter way round."""
+    factor = np.linalg.cholesky(covariance)
+    residuals = poses - mean
+    residuals[:, 2] = angle_difference(poses[:, 2], mean[2])
+    whitened = np.linalg.inv(factor) @ residuals.T
+    # Log of the determinant and not the product: millimetres to the third are small.
+    scale = -1.5 * math.log(2.0 * math.pi) - float(np.log(np.diag(factor)).sum())
+    return np.asarray(np.exp(scale - 0.5 * np.sum(whitened * whitened, axis=0)))
+
+
+def uniform_density(places: Places) -> float:
+    """Of a robot that may be anywhere on the map with any heading: one over its square metres and radians."""
+    raster = places.raster
+    cells = int(np.count_nonzero(raster.weights.sum(axis=1) > 0.0))
+    return 1.0 / (max(cells, 1) * raster.cell**2 * 2.0 * math.pi)

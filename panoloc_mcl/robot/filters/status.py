@@ -1,0 +1,54 @@
+"""What a filter thinks of itself: a pure function of its hypotheses and of how well images fit them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from panoloc_mcl.robot.filters.estimate import Cluster, Status
+from panoloc_mcl.robot.geometry import angle_difference
+from panoloc_mcl.robot.settings.localizer import StatusSettings
+
+
+def status_of(
+    clusters: Sequence[Cluster],
+    fit: float,
+    elsewhere: float,
+    expected: Sequence[float] | None,
+    known: bool,
+    limits: StatusSettings,
+) -> Status:
+    """The status of a belief.
+
+    Parameters
+    ----------
+    clusters : sequence of Cluster
+        Hypotheses by falling mass, at least one.
+    fit : float
+        What the belief explains of the best votes, running average.
+    elsewhere : float
+        Probability, the last image seen, that the robot is not where odometry led.
+    expected : (x, y, heading, spread_m, spread_deg) or None
+        If the last answer was sure: where odometry led from its pose, and how surely. Metres, radians, degrees.
+    known : bool
+        Whether the pose was known before; who never knew it cannot be lost.
+    limits : StatusSettings
+    """
+    best = clusters[0]
+    unfit = fit < limits.lost_match or elsewhere > limits.lost_chance
+    if known and (unfit or (expected is not None and _is_refuted(best, expected, limits))):
+        return Status.LOST
+    compact = best.spread_m < limits.converged_spread_m and best.spread_deg < limits.converged_spread_deg
+    if best.mass > limits.converged_mass and compact:
+        return Status.CONVERGED
+    if sum(cluster.mass > limits.ambiguous_mass for cluster in clusters) >= 2:
+        return Status.AMBIGUOUS
+    return Status.SEARCHING
+
+
+def _is_refuted(best: Cluster, expected: Sequence[float], limits: StatusSettings) -> bool:
+    """Whether the belief has left the pose that the last answer was sure of: a robot that acted on it must be told."""
+    x, y, heading, spread_m, spread_deg = expected
+    off = math.degrees(abs(float(angle_difference(best.pose[2], heading))))
+    way = math.hypot(best.pose[0] - x, best.pose[1] - y)
+    return way > limits.converged_spread_m + 3.0 * spread_m or off > limits.converged_spread_deg + 3.0 * spread_deg

@@ -1,0 +1,153 @@
+"""A tiny call of every kernel, of the very types that the program calls it with.
+
+Whoever adds a kernel adds its example here. Compiling a kernel means calling it, and another type would compile another kernel.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+
+def _particles(count: int = 4) -> Any:
+    return np.zeros((3, count))
+
+
+def _propagate() -> tuple[Any, ...]:
+    return _particles(), 0.1, 0.2, 0.0, 0.1, 0.01, 0.01, 0.01, 0.01, 1, 2, 0, 4
+
+
+def _read_field() -> tuple[Any, ...]:
+    scores = np.ones((8, 2), dtype=np.float32)
+    neighbours = np.zeros((4, 1), dtype=np.int32)
+    weights = np.ones((4, 1), dtype=np.float32)
+    return _particles(), scores, neighbours, weights, -1.0, -1.0, 1.0, 2, 2
+
+
+def _cell_moments() -> tuple[Any, ...]:
+    return _particles(), np.ones(4), np.zeros(4, dtype=np.int64), np.zeros(1, dtype=np.int64), np.zeros((1, 2)), 0.0, 0.0, 24
+
+
+def _weights_and_uniforms() -> tuple[Any, ...]:
+    return np.ones(4), np.full(4, 0.5)
+
+
+def _solve_positive() -> tuple[Any, ...]:
+    return np.eye(3, dtype=np.float32), 1e-5
+
+
+def _equations() -> tuple[Any, Any]:
+    """One hypothesis, six pixels, two filters, two eigenimages, and what is observed: transposed, and pixel by pixel."""
+    return np.zeros((1, 3, 12), dtype=np.float32), np.zeros((1, 6, 6), dtype=np.float32)
+
+
+def _trimmed_coefficients() -> tuple[Any, ...]:
+    transposed, by_pixel = _equations()
+    return transposed[0], by_pixel[0], np.zeros((1, 12), dtype=np.float32), 0.8, 4
+
+
+def _numbers(count: int = 4) -> Any:
+    return np.arange(count, dtype=np.float32)
+
+
+def _integers(count: int = 4) -> Any:
+    return np.arange(count, dtype=np.int32)
+
+
+def _flags() -> Any:
+    return np.zeros(4, dtype=np.uint8)
+
+
+def _matrix() -> Any:
+    return np.eye(4, dtype=np.float32)
+
+
+def _vote() -> tuple[Any, ...]:
+    responses = np.ones((2, 4, 8), dtype=np.float32)
+    pixels = np.zeros((1, 6), dtype=np.int32)
+    back, mean = np.ones((1, 3, 2), dtype=np.float32), np.zeros((1, 12), dtype=np.float32)
+    return responses, pixels, pixels, *_equations(), back, mean, np.eye(2), np.zeros(1), 0.8, 4, 0.3
+
+
+def _normalised_gradients() -> tuple[Any, ...]:
+    grey = np.linspace(0.0, 255.0, 40, dtype=np.float32).reshape(4, 10)
+    return grey, np.zeros((4, 10), dtype=np.uint8), 1, 4.0, True
+
+
+def _warp_table() -> tuple[Any, ...]:
+    tangents = np.array([0.5, 0.1, -0.5])
+    return np.full(8, 2.0), tangents, np.array([np.inf, np.inf, 1.2]), 0.1, 0.0, 0.6, 0.4, 8, 1
+
+
+def _move_profile() -> tuple[Any, ...]:
+    return np.full(8, 2.0), 0.1, 0.0
+
+
+def _column_agreement() -> tuple[Any, ...]:
+    features, usable = np.ones((3, 8), dtype=np.complex64), np.ones((3, 8), dtype=np.bool_)
+    return features, usable, features, usable
+
+
+def _column_products() -> tuple[Any, ...]:
+    features, usable = np.ones((3, 8), dtype=np.complex64), np.ones((3, 8), dtype=np.bool_)
+    profile, tangents = np.full(8, 2.0), np.array([0.5, 0.1, -0.5])
+    return features, usable, features, usable, profile, np.array([np.inf, np.inf, 1.2]), tangents, 1
+
+
+def _normal_equations() -> tuple[Any, ...]:
+    return np.ones((18, 8)), np.ones(8, dtype=np.bool_), 0.1
+
+
+#: By ``module.kernel``: the arguments of one call.
+EXAMPLES: dict[str, Callable[[], tuple[Any, ...]]] = {
+    "elementary.exponential": lambda: (0.5,),
+    "elementary.logarithm": lambda: (0.5,),
+    "elementary.sine_cosine": lambda: (0.5,),
+    "elementary.small_whole": lambda: (np.uint64(5),),
+    "gradients.normalised_gradients": _normalised_gradients,
+    "gradients.plain_gradients": lambda: _normalised_gradients()[:3],
+    "particles.cell_moments": _cell_moments,
+    "particles.cells_of": lambda: (_particles(), -1.0, -1.0, 0.4, 5, 24, 600),
+    "particles.link_cells": lambda: (np.array([9, 10]), np.ones(2, dtype=np.bool_), 5, 3),
+    "particles.merge_cells": lambda: (np.zeros(2, dtype=np.int64), 1, np.zeros((2, 3)), np.ones((2, 10))),
+    "particles.propagate": _propagate,
+    "particles.read_field": _read_field,
+    "random.normal_pair": lambda: (np.uint64(1), np.uint64(2)),
+    "random.philox": lambda: tuple(np.uint64(word) for word in range(6)),
+    "random.normals": lambda: (1, 2, 3, 0, 4),
+    "resampling.multinomial": _weights_and_uniforms,
+    "resampling.pick": _weights_and_uniforms,
+    "resampling.residual": _weights_and_uniforms,
+    "resampling.stratified": _weights_and_uniforms,
+    "resampling.systematic": lambda: (np.ones(4), 0.5, 4),
+    "resampling.taken": lambda: (np.ones(4), np.arange(3)),
+    "selection.count_up_to": lambda: (_integers(), np.int32(2)),
+    "selection.leave_out": lambda: (_integers(), 2, 0, _integers(5)),
+    "selection.limit_of_smallest": lambda: (_integers(), 2, 1 << 29),
+    "selection.remaining": lambda: (_flags(), _integers(5)),
+    "voting.add": lambda: (_matrix(), _matrix(), -1),
+    "voting.add_squares": lambda: (_numbers(), _numbers(), _numbers()),
+    "voting.read": lambda: (_numbers(8), np.arange(4, dtype=np.uint32), np.uint32(1), np.float32(0.5), _numbers(), _numbers()),
+    "voting.solve_positive": _solve_positive,
+    "voting.take_rows": lambda: (_matrix(), _numbers(8), _integers(2), _matrix()),
+    "voting.trimmed_coefficients": _trimmed_coefficients,
+    "voting.vote": _vote,
+    "warping.arctan2": lambda: (0.5, -0.5),
+    "warping.column_agreement": _column_agreement,
+    "warping.column_products": _column_products,
+    "warping.move_profile": _move_profile,
+    "warping.normal_equations": _normal_equations,
+    "warping.warp_table": _warp_table,
+    "weights.exponentials": lambda: (np.zeros(4),),
+    "weights.likelihoods": lambda: (_numbers(), 1.0, 0.5, 1.0, 0.01),
+    "weights.reweighted": lambda: (np.zeros(4), np.ones(4), 0.0),
+}
+
+
+def find(name: str) -> Any:
+    """The kernel of a name in ``EXAMPLES``."""
+    module, _, function = name.partition(".")
+    return getattr(importlib.import_module(f"panoloc_mcl.robot.kernels.{module}"), function)

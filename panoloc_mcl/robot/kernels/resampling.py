@@ -1,0 +1,176 @@
+"""Which particles go on: four schemes of drawing in proportion to weights, all unbiased (Douc, Cappe & Moulines 2005).
+
+All give the indices in rising order. Sums are kept in float64, and the last target always meets the last particle with any weight,
+whatever rounding did on the way.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from panoloc_mcl.robot.kernels.jit import kernel, vector_kernel
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+
+@kernel
+def systematic(weights: Float64, offset: float, count: int) -> Int64:
+    """Systematic resampling (Kitagawa 1996): one random number; index i comes floor or ceil of ``count * weight_i / sum`` times.
+
+    Parameters
+    ----------
+    weights : float64 (n,)
+        Non-negative, sum > 0; need not be normalised.
+    offset : float
+        Uniform in [0, 1).
+    count : int
+        How many indices to draw.
+
+    Returns
+    -------
+    int64 (count,)
+    """
+    total, last = 0.0, 0
+    for i in range(weights.shape[0]):
+        total += weights[i]
+        if weights[i] > 0.0:
+            last = i
+    per_weight = count / total
+    # Each particle notes itself where its copies begin. One without copies is overwritten by the next, so no branch is needed,
+    # which the processor would guess wrong for every other particle.
+    indices = np.zeros(count + 1, dtype=np.int64)
+    cumulative, begin = 0.0, 0
+    for i in range(last + 1):
+        indices[begin] = i
+        cumulative += weights[i]
+        # How many targets (k + offset) / count lie below the share so far.
+        begin = min(int(np.ceil(cumulative * per_weight - offset)), count)
+    newest = 0
+    for k in range(count):
+        newest = max(newest, indices[k])
+        indices[k] = newest
+    return indices[:count]
+
+
+@kernel
+def stratified(weights: Float64, uniforms: Float64) -> Int64:
+    """Stratified resampling: a random number for each of the equal parts of the sum; a count is off its share by less than two.
+
+    Parameters
+    ----------
+    weights : float64 (n,)
+        As above.
+    uniforms : float64 (count,)
+        In [0, 1).
+
+    Returns
+    -------
+    int64 (count,)
+    """
+    count = uniforms.shape[0]
+    targets = np.empty(count)
+    for k in range(count):
+        targets[k] = (k + uniforms[k]) / count
+    return pick(weights, targets)
+
+
+@kernel
+def multinomial(weights: Float64, uniforms: Float64) -> Int64:
+    """Multinomial resampling: every draw independent of the others; the noisiest.
+
+    Parameters
+    ----------
+    weights : float64 (n,)
+        As above.
+    uniforms : float64 (count,)
+        In [0, 1).
+
+    Returns
+    -------
+    int64 (count,)
+    """
+    return pick(weights, np.sort(uniforms))
+
+
+@kernel
+def residual(weights: Float64, uniforms: Float64) -> Int64:
+    """Residual resampling (Liu & Chen 1998): the whole part of every share for certain, the rest multinomially.
+
+    Parameters
+    ----------
+    weights : float64 (n,)
+        As above.
+    uniforms : float64 (count,)
+        In [0, 1); as many are used as draws are left.
+
+    Returns
+    -------
+    int64 (count,)
+    """
+    n, count = weights.shape[0], uniforms.shape[0]
+    total = 0.0
+    for i in range(n):
+        total += weights[i]
+    copies = np.empty(n, dtype=np.int64)
+    rest = np.empty(n)
+    certain = 0
+    for i in range(n):
+        share = count * (weights[i] / total)
+        copies[i] = int(share)
+        rest[i] = share - copies[i]
+        certain += copies[i]
+    if certain < count:
+        # Rounding may leave nothing of shares that are whole.
+        left = rest if rest.sum() > 0.0 else weights
+        for i in pick(left, np.sort(uniforms[: count - certain])):
+            copies[i] += 1
+    indices = np.empty(count, dtype=np.int64)
+    k = 0
+    for i in range(n):
+        for _ in range(min(copies[i], count - k)):
+            indices[k] = i
+            k += 1
+    return indices
+
+
+@kernel
+def pick(weights: Float64, targets: Float64) -> Int64:
+    """Indices at which the cumulative weight first exceeds each target.
+
+    Parameters
+    ----------
+    weights : float64 (n,)
+        As above.
+    targets : float64 (count,)
+        Shares of the sum in [0, 1), rising.
+
+    Returns
+    -------
+    int64 (count,)
+    """
+    total, last = 0.0, 0
+    for i in range(weights.shape[0]):
+        total += weights[i]
+        if weights[i] > 0.0:
+            last = i
+    indices = np.empty(targets.shape[0], dtype=np.int64)
+    i = 0
+    cumulative = weights[0]
+    for k in range(targets.shape[0]):
+        target = targets[k] * total
+        while cumulative <= target and i < last:
+            i += 1
+            cumulative += weights[i]
+        indices[k] = i
+    return indices
+
+
+@vector_kernel
+def taken(row: Float64, indices: Int64) -> Float64:
+    """``row[indices]`` for indices that are known to be in range, float64 (count,): a third faster than with NumPy's checks."""
+    out = np.empty(indices.shape[0])
+    for k in range(indices.shape[0]):
+        out[k] = row[indices[k]]
+    return out

@@ -1,0 +1,255 @@
+"""The map: reference panoramas, and everything that an observation model precomputed from them, in one file.
+
+The file is a safetensors container: raw arrays behind a JSON header, read without executing anything, checked for truncation at load,
+mapped into memory as it is, and readable from other languages. (HDF5 is a bigger dependency for the same arrays; npz has no place
+for settings but pickled objects or arrays of text.)
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save as safetensors_bytes
+from threadpoolctl import threadpool_limits
+
+from panoloc_mcl.robot.camera import Camera, PanoramaGeometry, Unwrapper, camera_from_mapping, to_mapping
+from panoloc_mcl.robot.errors import MapError, PanolocError
+from panoloc_mcl.robot.files import write_atomically
+from panoloc_mcl.robot.observation import ObservationModel, Places, build_settings, model_named
+from panoloc_mcl.robot.observation.base import Arrays
+from panoloc_mcl.robot.progress import Progress, no_progress
+from panoloc_mcl.robot.references import ReferencePanoramas, References, read_references
+from panoloc_mcl.robot.settings.observation import ObservationSettings, all_observation_settings
+
+FORMAT = "panoloc-map/1"
+_LEAST_SEEN = 0.5
+_HEIGHT_TOLERANCE = 0.25
+
+
+class Recorded(Protocol):
+    """What a map is built from: a data set with references."""
+
+    @property
+    def name(self) -> str:
+        """What to call the map."""
+
+    @property
+    def references(self) -> References:
+        """The images of known places."""
+
+
+@dataclass(frozen=True, eq=False)
+class PanoramaMap:
+    """A map of one place.
+
+    Parameters
+    ----------
+    name : str
+        Of the data set it was built from.
+    references : ReferencePanoramas
+    camera : PanoramaCamera or OmniCamera
+        That took the references.
+    image_size : (int, int)
+        Width and height of its images, pixels.
+    observation : ObservationSettings
+        The model and the settings that were precomputed.
+    seed : int
+        For models that draw random pixels.
+    arrays : mapping of str to ndarray
+        What that model precomputed.
+    notes : tuple of str
+        What the user should know of how the map turned out.
+    """
+
+    name: str
+    references: ReferencePanoramas
+    camera: Camera
+    image_size: tuple[int, int]
+    observation: ObservationSettings
+    seed: int
+    arrays: Arrays
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def build(
+        cls,
+        dataset: Recorded,
+        observation: ObservationSettings | None = None,
+        seed: int = 0,
+        progress: Progress = no_progress,
+    ) -> Self:
+        """Build a map from the references of a data set.
+
+        Parameters
+        ----------
+        dataset : Dataset
+            Or whatever else has a ``name`` and ``references``.
+        observation : ObservationSettings, optional
+            Which model to precompute, and how; the default model if left out.
+        seed : int
+        progress : callable (done, total, what)
+
+        Raises
+        ------
+        MapError, DatasetError, ImageError
+            References that cannot be read or used; settings that ask for more than they give.
+        """
+        observation = observation or ObservationSettings()
+        references = read_references(dataset.references, progress)
+        # One BLAS thread, so that the order of sums, and with it the map to the last bit, does not depend on the machine's cores.
+        with threadpool_limits(1, user_api="blas"):
+            model = model_named(observation.model).build(references, observation.selected, seed, progress)
+        source = dataset.references
+        return cls(dataset.name, references, source.camera, source.image_size, observation, seed, model.arrays(), model.notes)
+
+    @property
+    def places(self) -> Places:
+        """Where the references were taken."""
+        return Places(self.references.positions)
+
+    @property
+    def geometry(self) -> PanoramaGeometry:
+        """Of the canonical panoramas that the map compares."""
+        return self.references.geometry
+
+    def observation_model(self, observation: ObservationSettings | None = None) -> ObservationModel:
+        """The observation model: restored if it was built with these settings, otherwise computed from the references."""
+        observation = observation or self.observation
+        settings = observation.selected
+        model = model_named(observation.model)
+        if build_settings(observation) == build_settings(self.observation):
+            try:
+                return model.restore(self.references, settings, self.arrays)
+            except KeyError as error:
+                raise MapError(
+                    f"map '{self.name}': lacks {error} of the model '{observation.model}'; build it again with panoloc build-map"
+                ) from error
+        with threadpool_limits(1, user_api="blas"):
+            return model.build(self.references, settings, self.seed)
+
+    def unwrapper(self, camera: Camera | None = None, image_size: tuple[int, int] | None = None) -> Unwrapper:
+        """From a camera's images to the panoramas that this map compares.
+
+        Raises
+        ------
+        MapError
+            The camera sees too little of what the map shows, or from another height.
+        """
+        if camera is None:
+            return Unwrapper(self.camera, image_size or self.image_size, self.geometry)
+        mine, theirs = self.references.camera_height_m, camera.height_m
+        if mine is not None and theirs is not None and abs(theirs - mine) > _HEIGHT_TOLERANCE * mine:
+            raise MapError(
+                f"map '{self.name}': built with the camera {mine} m above the floor, this camera is at height_m = {theirs}; "
+                "build a map with this camera's height"
+            )
+        unwrapper = Unwrapper(camera, image_size or self.image_size, self.geometry)
+        seen = 1.0 if unwrapper.valid is None else float(unwrapper.valid.mean())
+        if seen < _LEAST_SEEN:
+            raise MapError(
+                f"map '{self.name}': built for another camera: this one sees {100 * seen:.0f} % of the map's "
+                f"panoramas (elevation {self.geometry.elevation_bottom_deg} to {self.geometry.elevation_top_deg} degrees); build "
+                "a map with a camera that sees the same elevations"
+            )
+        return unwrapper
+
+    def save(self, path: str | Path) -> None:
+        """Write the map, whole or not at all.
+
+        Raises
+        ------
+        MapError
+            The file cannot be written.
+        """
+        references = self.references
+        tensors: dict[str, NDArray[Any]] = {
+            "references.pixels": references.pixels,
+            "references.positions": references.positions,
+            **{f"model.{name}": np.ascontiguousarray(array) for name, array in self.arrays.items()},
+        }
+        if references.valid is not None:
+            tensors["references.valid"] = references.valid
+        geometry = references.geometry
+        header = {
+            "format": FORMAT,
+            "name": self.name,
+            "camera": to_mapping(self.camera),
+            "image_size": list(self.image_size),
+            "elevation_deg": [geometry.elevation_bottom_deg, geometry.elevation_top_deg],
+            "files": list(references.names),
+            "observation": self.observation.model_dump(mode="json"),
+            "seed": self.seed,
+            "notes": list(self.notes),
+        }
+        # One entry only: safetensors writes several in an order that changes from call to call.
+        metadata = {"map": json.dumps(header, sort_keys=True)}
+        try:
+            write_atomically(Path(path), safetensors_bytes(tensors, metadata))
+        except SafetensorError as error:
+            raise MapError(f"{path}: cannot be written ({error})") from error
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read a map.
+
+        Raises
+        ------
+        MapError
+            Missing, truncated, not a map, or of a newer format.
+        """
+        path = Path(path)
+        if not path.is_file():
+            raise MapError(f"{path}: no such map file; build one with: panoloc build-map DATASET -o {path}")
+        try:
+            with safe_open(path, framework="numpy") as container:
+                header = _header_of(container.metadata() or {}, path)
+                tensors = {name: container.get_tensor(name) for name in container.keys()}  # noqa: SIM118
+        except (SafetensorError, OSError, TypeError) as error:
+            raise MapError(f"{path}: not a map file, or cut short ({error}); build it again with panoloc build-map") from error
+        try:
+            return cls._from_file(header, tensors, str(path))
+        except (LookupError, ValueError, TypeError, AttributeError, PanolocError) as error:
+            raise MapError(f"{path}: the map's header is damaged ({error}); build it again with panoloc build-map") from error
+
+    @classmethod
+    def _from_file(cls, header: dict[str, Any], tensors: dict[str, NDArray[Any]], source: str) -> Self:
+        pixels = tensors["references.pixels"]
+        positions = tensors["references.positions"]
+        if positions.shape != (len(pixels), 2) or not np.isfinite(positions).all():
+            raise ValueError(f"{len(pixels)} references, but positions of shape {positions.shape} or not finite")
+        camera = camera_from_mapping(header["camera"], source)
+        references = ReferencePanoramas(
+            pixels=pixels,
+            valid=tensors.get("references.valid"),
+            positions=positions,
+            names=tuple(header["files"]),
+            geometry=PanoramaGeometry(pixels.shape[2], pixels.shape[1], *header["elevation_deg"]),
+            camera_height_m=camera.height_m,
+        )
+        return cls(
+            header["name"],
+            references,
+            camera,
+            (header["image_size"][0], header["image_size"][1]),
+            all_observation_settings().model_validate(header["observation"]),
+            header["seed"],
+            {name.removeprefix("model."): array for name, array in tensors.items() if name.startswith("model.")},
+            tuple(str(note) for note in header.get("notes", ())),
+        )
+
+
+def _header_of(metadata: dict[str, str], path: Path) -> dict[str, Any]:
+    try:
+        header = json.loads(metadata.get("map", "{}"))
+    except ValueError as error:
+        raise MapError(f"{path}: the map's header is damaged ({error}); build it again with panoloc build-map") from error
+    found = header.get("format") if isinstance(header, dict) else None
+    if not isinstance(header, dict) or found != FORMAT:
+        raise MapError(f"{path}: format is '{found}', this version reads '{FORMAT}'; build the map again")
+    return header

@@ -1,0 +1,7 @@
+"""Odometry: a buffer that answers for any time, and the noise of the way between two times; and which times images may have."""
+
+from panoloc_mcl.robot.motion.image_clock import ImageClock
+from panoloc_mcl.robot.motion.models import Motion, blind, carried
+from panoloc_mcl.robot.motion.odometry import OdometryBuffer
+
+__all__ = ["ImageClock", "Motion", "OdometryBuffer", "blind", "carried"]

@@ -1,0 +1,104 @@
+"""Which time stamps of images can be believed, and when the clock that they come from has jumped."""
+
+from __future__ import annotations
+
+import bisect
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from panoloc_mcl.robot.motion.odometry import OdometryBuffer
+from panoloc_mcl.robot.settings.localizer import MotionSettings
+
+
+class ImageClock:
+    """The times of the images that were fused, and the time that the belief stands at.
+
+    An image may come late, as long as the way back to its time is known; one that lies far from all others counts only if the next
+    one agrees with it: then the clock has jumped, and time goes on from there.
+
+    Parameters
+    ----------
+    settings : MotionSettings
+    odometry : OdometryBuffer
+        Of the same robot: it says how far back the way is known, and that time goes on between images.
+
+    Attributes
+    ----------
+    now : float or None
+        Time of the belief, seconds; None before the first image.
+    """
+
+    def __init__(self, settings: MotionSettings, odometry: OdometryBuffer) -> None:
+        self._settings, self._odometry = settings, odometry
+        self.now: float | None = None
+        # As far back as late images are taken.
+        self._fused: list[float] = []
+        # Time stamp of the last image that was left out because it is so far from the others.
+        self._suspect: float | None = None
+
+    def problem(self, timestamp: float) -> str:
+        """Why the time stamp of an image cannot be used; empty when it can."""
+        if not math.isfinite(timestamp):
+            return "image skipped: its time stamp is not finite"
+        if self.now is None:
+            return ""
+        if timestamp in self._fused:
+            return f"image skipped: time stamp {timestamp:.9f} came twice"
+        if self._late_from() <= timestamp <= self._ahead_to() or self._agrees(timestamp):
+            return ""
+        self._suspect = timestamp
+        if timestamp < self.now:
+            return f"image skipped: {self.now - timestamp:.3f} s late, before the odometry that is kept"
+        return f"image skipped: its time stamp is {timestamp - self.now:.3f} s ahead; used only if the next one agrees"
+
+    def follow(self, timestamp: float) -> float | None:
+        """Seconds that the clock has jumped by, if an image of which there is no `problem` shows that it has; time goes on there."""
+        if self.now is None or self._late_from() <= timestamp <= self._ahead_to():
+            self._suspect = None
+            return None
+        assert self._suspect is not None
+        jump, slack = self._suspect - self.now, self._settings.clock_jump_s
+        if self._odometry.newest > timestamp + slack or self._odometry.newest < self._suspect - slack:
+            # Odometry by the old clock would only mislead.
+            self._odometry.clear()
+        self.now, self._fused, self._suspect = self._suspect, [], None
+        return jump
+
+    def is_late(self, timestamp: float) -> bool:
+        """Whether an image was taken before the time that the belief stands at."""
+        return self.now is not None and timestamp < self.now
+
+    def fuse(self, timestamp: float) -> None:
+        """An image was taken into the belief, which stands at its time unless it was late."""
+        if not self.is_late(timestamp):
+            self.now = timestamp
+        bisect.insort(self._fused, timestamp)
+        while self._fused and self._fused[0] < self._late_from():
+            self._fused.pop(0)
+
+    def _late_from(self) -> float:
+        """The earliest time that a late image may have: the way back to it must be known."""
+        assert self.now is not None
+        kept = self.now - self._settings.buffer_s
+        # Odometry that begins after the belief's time is of another clock, or too late to say anything.
+        return max(self._odometry.oldest, kept) if self._odometry.oldest <= self.now else kept
+
+    def _ahead_to(self) -> float:
+        """The latest time that an image can have if the clock has not jumped."""
+        assert self.now is not None
+        return max(self._odometry.newest, self.now) + self._settings.clock_jump_s
+
+    def _agrees(self, timestamp: float) -> bool:
+        """Whether an image that lies far from all others follows on the one before it, which did, too."""
+        return self._suspect is not None and 0.0 < timestamp - self._suspect <= self._settings.clock_jump_s
+
+    def snapshot(self) -> dict[str, Any]:
+        """All that is remembered, as plain values."""
+        return {"now": self.now, "fused": self._fused, "suspect": self._suspect}
+
+    def restore(self, values: Mapping[str, Any]) -> None:
+        """Take over what `snapshot` gave; KeyError or TypeError, and nothing changed, if that does not fit."""
+        now, suspect = (None if values[name] is None else float(values[name]) for name in ("now", "suspect"))
+        self._fused = [float(time) for time in values["fused"]]
+        self.now, self._suspect = now, suspect

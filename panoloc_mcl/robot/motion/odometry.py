@@ -1,0 +1,224 @@
+"""A buffer of odometry poses with their own time stamps, and the motion between any two times."""
+
+from __future__ import annotations
+
+import bisect
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from panoloc_mcl.robot.geometry import angle_difference, between, compose, interpolate, inverse, wrap_angle
+from panoloc_mcl.robot.motion.models import NOISE_MODELS, Motion, blind, taken_apart
+from panoloc_mcl.robot.settings.localizer import MotionSettings
+
+Float64 = NDArray[np.float64]
+
+# A jump that is rounding or jitter of time stamps is none: steps shorter than this are always possible.
+_LEAST_JUMP_M, _LEAST_JUMP_RAD = 0.05, math.radians(5.0)
+
+
+class OdometryBuffer:
+    """Odometry of the last seconds, in order of time whatever order it arrives in.
+
+    Measurements that cannot be used are left out and counted by reason in ``rejected``; what else befell the stream (a clock that
+    jumped, a new origin) is counted in ``events``.
+
+    Parameters
+    ----------
+    settings : MotionSettings
+    """
+
+    def __init__(self, settings: MotionSettings) -> None:
+        self.settings = settings
+        self.rejected: dict[str, int] = {}
+        self.events: dict[str, int] = {}
+        self._times: list[float] = []
+        self._poses: list[Float64] = []
+        # The last measurement that was left out because it does not fit: if the next one agrees with it, it was right.
+        self._suspect: tuple[float, Float64] | None = None
+        # From the frame that odometry comes in to that of the buffer; another one once odometry has begun from a new origin.
+        self._origin: Float64 | None = None
+
+    def __len__(self) -> int:
+        return len(self._times)
+
+    @property
+    def oldest(self) -> float:
+        """Time of the oldest pose that is kept, seconds; minus infinity when there is none."""
+        return self._times[0] if self._times else -math.inf
+
+    @property
+    def newest(self) -> float:
+        """Time of the newest pose, seconds; minus infinity when there is none."""
+        return self._times[-1] if self._times else -math.inf
+
+    def add(self, timestamp: float, pose: Float64) -> bool:
+        """Take one pose; a measurement that cannot be used is counted in ``rejected`` and left out.
+
+        Parameters
+        ----------
+        timestamp : float
+            Seconds.
+        pose : float64 (3,)
+            In the odometry frame.
+
+        Returns
+        -------
+        bool
+            Whether it was taken.
+        """
+        pose = np.asarray(pose, dtype=np.float64)
+        if pose.shape != (3,):
+            raise ValueError(f"odometry pose has shape {pose.shape}, needs (3,): x, y, theta")
+        if not (math.isfinite(timestamp) and np.isfinite(pose).all()):
+            return self._reject("not finite")
+        # A copy: callers may fill the same array again and again.
+        raw = np.array([pose[0], pose[1], wrap_angle(pose[2])])
+        if self._times and not self._clock_fits(timestamp, raw):
+            return False
+        pose = raw if self._origin is None else compose(self._origin, raw)
+        position = bisect.bisect_left(self._times, timestamp)
+        if position < len(self._times) and self._times[position] == timestamp:
+            return self._reject("duplicated time stamp")
+        if not self._possible(position, timestamp, pose):
+            if not self._new_origin(position, timestamp, raw):
+                return self._reject("a jump beyond what the robot can do")
+            assert self._origin is not None
+            pose = compose(self._origin, raw)
+        self._suspect = None
+        self._times.insert(position, timestamp)
+        self._poses.insert(position, pose)
+        oldest = self._times[-1] - self.settings.buffer_s
+        # The last pose before the window stays: the window's start lies between it and the next.
+        while len(self._times) > 2 and self._times[1] < oldest:
+            del self._times[0], self._poses[0]
+        return True if timestamp >= self._times[0] else self._reject("older than what is kept")
+
+    def clear(self) -> None:
+        """Forget all odometry: it belongs to another clock."""
+        self._times, self._poses, self._suspect = [], [], None
+
+    def _clock_fits(self, timestamp: float, raw: Float64) -> bool:
+        """Whether a stamp can belong to the stream; after two that agree with each other alone, the clock has jumped."""
+        s = self.settings
+        if self._times[-1] - max(s.buffer_s, s.clock_jump_s) <= timestamp <= self._times[-1] + s.clock_jump_s:
+            return True
+        if self._suspect is not None and 0.0 < timestamp - self._suspect[0] <= s.clock_jump_s:
+            before = self._suspect
+            self.clear()
+            self._times, self._poses = [before[0]], [before[1] if self._origin is None else compose(self._origin, before[1])]
+            self.events["its clock jumped"] = self.events.get("its clock jumped", 0) + 1
+            return True
+        self._suspect = (timestamp, raw)
+        return self._reject(
+            f"time stamp {'ahead' if timestamp > self._times[-1] else 'behind'} by more than the clock can be off"
+        )
+
+    def _possible(self, position: int, timestamp: float, pose: Float64) -> bool:
+        """Whether the robot can have come from the pose before, and gone on to the one after."""
+        neighbours = [index for index in (position - 1, position) if 0 <= index < len(self._times)]
+        return all(self._reachable(self._times[index], self._poses[index], timestamp, pose) for index in neighbours)
+
+    def _reachable(self, time: float, pose: Float64, other_time: float, other: Float64) -> bool:
+        s, seconds = self.settings, abs(other_time - time)
+        if s.max_speed_m_s is not None:
+            jump = math.hypot(other[0] - pose[0], other[1] - pose[1])
+            if jump > max(s.max_speed_m_s * seconds, _LEAST_JUMP_M):
+                return False
+        if s.max_turn_rate_deg_s is not None:
+            turned = abs(float(angle_difference(other[2], pose[2])))
+            return turned <= max(math.radians(s.max_turn_rate_deg_s) * seconds, _LEAST_JUMP_RAD)
+        return True
+
+    def _new_origin(self, position: int, timestamp: float, raw: Float64) -> bool:
+        """After a jump: whether this newest pose agrees with the one that jumped; then odometry goes on from a new origin."""
+        suspect = self._suspect
+        if position < len(self._times):
+            return False
+        self._suspect = (timestamp, raw)
+        if suspect is None or not suspect[0] < timestamp or not self._reachable(*suspect, timestamp, raw):
+            return False
+        # The robot is taken to have stood from the last pose to the first one in the new frame.
+        self._origin = compose(self._poses[-1], inverse(suspect[1]))
+        self.events["it began from a new origin"] = self.events.get("it began from a new origin", 0) + 1
+        return True
+
+    def _reject(self, reason: str) -> bool:
+        self.rejected[reason] = self.rejected.get(reason, 0) + 1
+        return False
+
+    def motion(self, start: float, end: float) -> Motion:
+        """The motion between two times, forwards or backwards, with the noise of the robot's motion model.
+
+        Where no odometry is known (none at all, or older than can be carried on), the robot may have gone anywhere its speed
+        allows, and the standard deviations say so. Shortly before the first measurement the robot is taken to stand; longer before
+        it, odometry is of another clock.
+        """
+        if end < start:
+            return self.motion(end, start).reversed()
+        s = self.settings
+        if s.model == "stationary":
+            return replace(blind(Motion(np.zeros(3)), end - start, s), duration_s=end - start)
+        known_until = self._times[-1] + self._reach() if self._times else -math.inf
+        waypoints = self._waypoints(start, end)
+        steps = between(waypoints[:-1], waypoints[1:])
+        distance = float(np.hypot(steps[:, 0], steps[:, 1]).sum())
+        turn = float(np.abs(angle_difference(waypoints[1:, 2], waypoints[:-1, 2])).sum())
+        known = NOISE_MODELS[s.model](taken_apart(between(waypoints[0], waypoints[-1]), distance, turn), s)
+        unknown = max(0.0, end - max(start, known_until)) + max(0.0, min(end, self.oldest - s.clock_jump_s) - start)
+        return replace(blind(known, unknown, s), duration_s=end - start)
+
+    def _reach(self) -> float:
+        """Seconds that odometry is carried on beyond its last pose: not beyond the time that its speed is known for."""
+        return min(self.settings.max_extrapolation_s, self._times[-1] - self._times[0])
+
+    def _waypoints(self, start: float, end: float) -> Float64:
+        if not self._times:
+            return np.zeros((2, 3))
+        first = bisect.bisect_right(self._times, start)
+        last = bisect.bisect_left(self._times, end)
+        return np.array([self._pose_at(start), *self._poses[first:last], self._pose_at(end)])
+
+    def _pose_at(self, time: float) -> Float64:
+        times, poses = self._times, self._poses
+        if time <= times[0]:
+            return poses[0]
+        if time <= times[-1]:
+            right = bisect.bisect_left(times, time)
+            fraction = (time - times[right - 1]) / (times[right] - times[right - 1])
+            return interpolate(poses[right - 1], poses[right], fraction)
+        reach = self._reach()
+        if reach == 0.0:
+            return poses[-1]
+        # Carried on with the mean speed over as long a time as it may be carried on: a single step is too jittery for that.
+        span = max(reach, times[-1] - times[-2])
+        step = between(self._pose_at(times[-1] - span), poses[-1])
+        return compose(poses[-1], step * (min(time - times[-1], reach) / span))
+
+    def snapshot(self) -> tuple[dict[str, Float64], dict[str, object]]:
+        """All that is remembered: arrays, and a header of plain values."""
+        arrays = {"times": np.array(self._times), "poses": np.array(self._poses).reshape(-1, 3)}
+        if self._origin is not None:
+            arrays["origin"] = self._origin
+        if self._suspect is not None:
+            arrays["suspect"] = np.array([self._suspect[0], *self._suspect[1]])
+        return arrays, {"rejected": self.rejected, "events": self.events}
+
+    def restore(self, arrays: dict[str, Float64], header: dict[str, dict[str, int]]) -> None:
+        """Take over what `snapshot` gave.
+
+        Raises
+        ------
+        KeyError, ValueError
+            Arrays that are missing or of another shape.
+        """
+        times, poses = arrays["times"], arrays["poses"]
+        if times.ndim != 1 or poses.shape != (len(times), 3) or not np.all(np.diff(times) > 0.0):
+            raise ValueError("odometry times and poses do not fit each other")
+        self._times, self._poses = [float(time) for time in times], list(poses)
+        self._origin = arrays.get("origin")
+        suspect = arrays.get("suspect")
+        self._suspect = None if suspect is None else (float(suspect[0]), suspect[1:])
+        self.rejected, self.events = dict(header["rejected"]), dict(header["events"])

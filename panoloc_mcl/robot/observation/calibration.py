@@ -1,0 +1,260 @@
+"""From votes to probabilities, learnt from the references alone.
+
+Every held-out reference is an image whose pose is known and that the map, made from the others, has not seen: as it is, occluded,
+noisy, in other light; and upside down, which is an image of the same statistics that was taken nowhere in the map. From
+them follow how far votes at the true pose fall short of the best ones (the temperature of the likelihood), and how sure the best
+pose is, given what the field and the refinement look like (logistic regression, Platt 1999).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from panoloc_mcl.robot.camera import Panorama
+from panoloc_mcl.robot.observation.disturbances import bars, blobs, gain, random_pixels, spatial_light
+from panoloc_mcl.robot.observation.field import VoteField
+from panoloc_mcl.robot.progress import Progress, no_progress
+from panoloc_mcl.robot.references import ReferencePanoramas
+
+Float64 = NDArray[np.float64]
+
+#: What images of a held-out reference suffer.
+Disturb = Callable[[NDArray[np.uint8], np.random.Generator], NDArray[np.uint8]]
+
+
+def _dark_and_noisy(image: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+    return random_pixels(gain(image, rng, 0.4), rng, 0.5)
+
+
+_OCCLUDED: Disturb = partial(bars, share=0.6)
+CONDITIONS: tuple[Disturb | None, ...] = (None, _OCCLUDED, _dark_and_noisy, spatial_light, partial(blobs, share=0.4))
+#: And upside down, which was taken nowhere; the second and later ones mirrored, too, so that they are not the same image again.
+NOWHERE: tuple[Disturb | None, ...] = (_OCCLUDED, None, _dark_and_noisy, spatial_light)
+#: A pose is right within this distance, metres.
+RIGHT_WITHIN_M = 0.25
+# Weights of the regression stay small where a few images say little.
+_RIDGE = 0.003
+_BINS = 10
+
+
+class HeldOut(Protocol):
+    """A model that lacks one reference."""
+
+    def observe(self, panorama: Panorama) -> VoteField:
+        """Votes of one image."""
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """What held-out references taught.
+
+    Parameters
+    ----------
+    tolerance : float
+        Root mean square of how far the votes at the true pose fall short of the best ones, as a share of these.
+    field_weights, refined_weights : float64 (4,) and (5,)
+        Of the logistic regression on `evidence`, the constant first.
+    images : int
+        How many images it rests on.
+    log_loss, ece : float
+        Of the confidence in refined poses (in the field's, where nothing is refined), for references that the weights were not
+        learnt from: mean negative logarithm of the probability given to what was the case, and the expected calibration error.
+    """
+
+    tolerance: float
+    field_weights: Float64
+    refined_weights: Float64
+    images: int
+    log_loss: float
+    ece: float
+
+    def confidence(self, field: VoteField) -> float:
+        """Probability that the best pose of a field, refined if it is, is right."""
+        weights = self.field_weights if field.measurement is None else self.refined_weights
+        return float(_probabilities(evidence(field)[None], weights)[0])
+
+    def array(self) -> Float64:
+        """All of it, for a map file."""
+        return np.concatenate(
+            [[self.tolerance, self.images, self.log_loss, self.ece], self.field_weights, self.refined_weights]
+        )
+
+    @classmethod
+    def of_array(cls, values: Float64) -> Calibration:
+        """What `array` gave."""
+        tolerance, images, log_loss, ece = (float(value) for value in values[:4])
+        return cls(tolerance, values[4:8], values[8:13], int(images), log_loss, ece)
+
+
+def evidence(field: VoteField) -> Float64:
+    """What tells a right best pose from a wrong one.
+
+    How far the best votes stand out, their lead over the best rival, and either the votes themselves, or how far the image agrees with
+    the view synthesised at the refined pose, and how unanimously. float64 (3,) or, refined, (4,): logarithms.
+    """
+    shape = [max(field.standing_out, 1.0), max(field.peak.margin, 3e-3)]
+    if field.measurement is None:
+        return np.log([*shape, max(field.peak.votes, 1e-2)])
+    agreement = field.measurement.agreement
+    return np.log([*shape, max(agreement.cosine, 1e-2), max(agreement.unanimity, 0.3)])
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    reference: int
+    field_evidence: Float64
+    refined_evidence: Float64 | None
+    field_right: bool
+    refined_right: bool
+    shortfall: float
+
+
+def calibrate(
+    held_out: Callable[[int], HeldOut],
+    references: ReferencePanoramas,
+    most_references: int,
+    progress: Progress = no_progress,
+    threads: int = 1,
+) -> Calibration | None:
+    """Learn from references that are held out one by one.
+
+    Parameters
+    ----------
+    held_out : callable (index) -> model
+        The model as though this reference had never been taken.
+    references : ReferencePanoramas
+    most_references : int
+        So many at most are held out, evenly over all.
+    progress : callable (done, total, what)
+    threads : int
+        References at work at once; the result does not depend on it.
+
+    Returns
+    -------
+    Calibration or None
+        None where there is nothing to learn from: fewer than two references, or none that is found again.
+    """
+    if len(references) < 2 or most_references < 2:
+        return None
+    chosen = np.unique(np.linspace(0, len(references) - 1, most_references).round().astype(np.int64))
+
+    def tried(index: np.int64) -> list[_Trial]:
+        return _trials(held_out(int(index)), references, int(index))
+
+    trials: list[_Trial] = []
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        for done, some in enumerate(pool.map(tried, chosen)):
+            trials += some
+            progress(done + 1, len(chosen), "calibration")
+    if not trials or not any(trial.field_right for trial in trials):
+        return None
+    numbers = np.array([trial.reference for trial in trials])
+    field_evidence = np.array([trial.field_evidence for trial in trials])
+    field_right = np.array([trial.field_right for trial in trials])
+    field_weights = _fitted(field_evidence, field_right)
+    refined_weights = np.zeros(5)
+    judged, right = field_evidence, field_right
+    if trials[0].refined_evidence is not None:
+        judged = np.array([trial.refined_evidence for trial in trials])
+        right = np.array([trial.refined_right for trial in trials])
+        refined_weights = _fitted(judged, right)
+    probabilities = _out_of_fold(judged, right, numbers)
+    shortfalls = np.array([trial.shortfall for trial in trials if trial.field_right])
+    return Calibration(
+        float(np.sqrt(np.mean(shortfalls**2))),
+        field_weights,
+        refined_weights,
+        len(trials),
+        log_loss(probabilities, right),
+        expected_calibration_error(probabilities, right),
+    )
+
+
+def _trials(model: HeldOut, references: ReferencePanoramas, index: int) -> list[_Trial]:
+    """Images of a reference, each at a random heading, and what the model without it makes of them."""
+    columns = references.geometry.width
+    trials = []
+    upright = references.pixels[index]
+    mirrored = upright[::-1, ::-1]
+    images = [*((condition, upright) for condition in CONDITIONS), *zip(NOWHERE, [upright[::-1], *[mirrored] * 3], strict=True)]
+    for number, (condition, image) in enumerate(images):
+        upside_down = number >= len(CONDITIONS)
+        rng = np.random.default_rng([index, number])
+        shift = int(rng.integers(columns))
+        pixels = np.roll(image, -shift, axis=1)
+        if condition is not None:
+            pixels = condition(np.ascontiguousarray(pixels), rng)
+        field = model.observe(Panorama(pixels.astype(np.float32), references.valid))
+        if field.problem:
+            continue
+        pose = np.array([*references.positions[index], -2.0 * np.pi * shift / columns])
+        measured = field.measurement
+        off = np.hypot(*(field.best_pose - pose)[:2])
+        refined_off = off if measured is None else np.hypot(*(measured.pose - pose)[:2])
+        best = max(field.peak.votes, 1e-12)
+        trials.append(
+            _Trial(
+                index,
+                evidence(field if measured is None else field.with_measurement(None)),
+                None if measured is None else evidence(field),
+                bool(not upside_down and off <= RIGHT_WITHIN_M),
+                bool(not upside_down and refined_off <= RIGHT_WITHIN_M),
+                max(0.0, 1.0 - field.votes_at(pose) / best),
+            )
+        )
+    return trials
+
+
+def _probabilities(evidence: Float64, weights: Float64) -> Float64:
+    return np.asarray(0.5 * (1.0 + np.tanh(0.5 * (weights[0] + evidence @ weights[1:]))))
+
+
+def _fitted(evidence: Float64, right: NDArray[np.bool_]) -> Float64:
+    """Weights of a logistic regression with a little ridge, in units of the evidence's own spread."""
+    mean, spread = evidence.mean(axis=0), np.maximum(evidence.std(axis=0), 1e-9)
+    scaled = (evidence - mean) / spread
+    signs = np.where(right, 1.0, -1.0)
+
+    def loss(weights: Float64) -> tuple[float, Float64]:
+        reached = signs * (weights[0] + scaled @ weights[1:])
+        pull = -signs * 0.5 * (1.0 - np.tanh(0.5 * reached)) / len(signs)
+        gradient = np.concatenate([[pull.sum()], pull @ scaled + 2.0 * _RIDGE * weights[1:]])
+        # The constant, too: where all images were right, it would grow for ever.
+        gradient[0] += 2.0 * 1e-3 * weights[0]
+        return float(np.logaddexp(0.0, -reached).mean() + _RIDGE * weights[1:] @ weights[1:] + 1e-3 * weights[0] ** 2), gradient
+
+    found = minimize(loss, np.zeros(evidence.shape[1] + 1), jac=True, method="BFGS").x
+    weights = found[1:] / spread
+    return np.concatenate([[found[0] - weights @ mean], weights])
+
+
+def _out_of_fold(evidence: Float64, right: NDArray[np.bool_], references: NDArray[np.int64]) -> Float64:
+    """Probabilities from weights that were learnt from the other half of the references."""
+    order = np.unique(references, return_inverse=True)[1] % 2
+    probabilities = np.empty(len(right))
+    for half in (0, 1):
+        judged = order == half
+        probabilities[judged] = _probabilities(evidence[judged], _fitted(evidence[~judged], right[~judged]))
+    return probabilities
+
+
+def log_loss(probabilities: Float64, right: NDArray[np.bool_]) -> float:
+    """Mean negative logarithm of the probability (n,) given to what was the case, nats."""
+    given = np.where(right, probabilities, 1.0 - probabilities)
+    return float(-np.log(np.maximum(given, 1e-12)).mean())
+
+
+def expected_calibration_error(probabilities: Float64, right: NDArray[np.bool_]) -> float:
+    """Mean distance between what was said and what was the case, over ten bins of probability (n,) (Guo et al. 2017)."""
+    bins = np.minimum((probabilities * _BINS).astype(np.int64), _BINS - 1)
+    said = np.bincount(bins, probabilities, _BINS)
+    was = np.bincount(bins, right.astype(np.float64), _BINS)
+    return float(np.abs(said - was).sum() / len(right))

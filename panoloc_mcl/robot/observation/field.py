@@ -1,0 +1,250 @@
+"""The vote field: what one image says about every heading at every place. A particle is a look-up in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from panoloc_mcl.robot.geometry import angle_difference, wrap_angle
+from panoloc_mcl.robot.kernels.particles import read_field
+from panoloc_mcl.robot.kernels.weights import likelihoods
+from panoloc_mcl.robot.measurement import PoseMeasurement
+from panoloc_mcl.robot.observation.places import Places
+
+Float64 = NDArray[np.float64]
+Float32 = NDArray[np.float32]
+
+# A rival is somewhere else: at least this far from the best cell, in place spacings or in degrees.
+_RIVAL_SPACINGS = 1.6
+_RIVAL_DEG = 20.0
+
+
+@dataclass(frozen=True)
+class Peak:
+    """The best cell of a vote field.
+
+    Parameters
+    ----------
+    place : int
+    heading : float
+        Radians; between the field's headings where they are equally spaced. NaN where the image gives none.
+    votes : float
+    margin : float
+        Votes ahead of the best rival elsewhere, as a share of ``votes``; 0 = a tie, 1 = no rival at all.
+    """
+
+    place: int
+    heading: float
+    votes: float
+    margin: float
+
+
+@dataclass(frozen=True, eq=False)
+class VoteField:
+    """Votes over headings and places.
+
+    Parameters
+    ----------
+    votes : float32 (h, k)
+        In [0, 1].
+    headings : float64 (h,)
+        Radians. Either equally spaced over the circle from 0, or those that were asked for. A single one over the full circle: the
+        votes hold at every heading.
+    places : Places
+        The k places.
+    tolerance : float
+        Standard deviation of how far the votes at the true pose fall short of the best ones.
+    full_circle : bool
+        The headings are equally spaced over the circle, so the field can be read anywhere.
+    problem : str
+        Why the image is not to be believed; empty when it is. Either it carries no information ("image is black") and all votes are 0,
+        or it fits nowhere.
+    measurement : PoseMeasurement or None
+        The pose that the image gives by itself, when the model refines the best cell.
+    confidence : float
+        Probability that the best pose (refined, if it is) is right; NaN where the model does not know.
+    """
+
+    votes: Float32
+    headings: Float64
+    places: Places
+    tolerance: float
+    full_circle: bool = True
+    problem: str = ""
+    measurement: PoseMeasurement | None = None
+    confidence: float = float("nan")
+
+    @property
+    def informative(self) -> bool:
+        """Whether the image says anything."""
+        return not self.problem
+
+    @property
+    def doubt(self) -> float:
+        """Probability that the best pose is wrong; 0 where the model does not know."""
+        return 0.0 if np.isnan(self.confidence) else 1.0 - self.confidence
+
+    @property
+    def gives_heading(self) -> bool:
+        """Whether votes depend on the heading; if not, they hold at every heading alike."""
+        return not self.full_circle or len(self.headings) > 1
+
+    def read(self, poses: Float64) -> Float32:
+        """Votes at poses (n, 3), interpolated over heading and place; 0 off the map. float32 (n,)."""
+        raster = self.places.raster
+        rows = np.ascontiguousarray(poses.T)
+        return read_field(
+            rows, self.votes, raster.neighbours, raster.weights, *raster.origin, raster.cell, raster.shape[1], raster.shape[0]
+        )
+
+    def votes_at(self, pose: Float64) -> float:
+        """What `read` gives for one pose (3,), without the raster, which a field of few questions need not have."""
+        neighbours, weights = self.places.around(pose[None, :2])
+        rows = at_headings(self.votes[:, neighbours[0]], np.array([pose[2] % (2.0 * np.pi)]))
+        return float(rows[0] @ weights[0])
+
+    def likelihood(self, votes: Float32, sharpness: float = 1.0, floor: float = 0.0) -> Float64:
+        """Likelihood of poses that were given so many votes (n,), relative to the best cell: Gaussian in what they fall short of it.
+
+        ``sharpness`` is a power that the Gaussian is taken to, ``floor`` what is left of it where votes are few. float64 (n,).
+        """
+        return likelihoods(votes, self.peak.votes, self.tolerance, sharpness, floor)
+
+    @cached_property
+    def peak(self) -> Peak:
+        """The best heading and place, and its lead over the best rival elsewhere."""
+        flat = int(np.argmax(self.votes))
+        row, place = divmod(flat, self.votes.shape[1])
+        best = float(self.votes[row, place])
+        near_heading = np.abs(angle_difference(self.headings, self.headings[row])) <= np.radians(_RIVAL_DEG)
+        offsets = self.places.positions - self.places.positions[place]
+        near_place = np.hypot(offsets[:, 0], offsets[:, 1]) <= _RIVAL_SPACINGS * self.places.spacing
+        rivals = [self.votes.max(axis=1)[~near_heading], self.votes.max(axis=0)[~near_place]]
+        rival = max((float(group.max()) for group in rivals if group.size), default=0.0)
+        margin = (best - rival) / best if best > 0.0 else 0.0
+        return Peak(place, self._between_headings(row, place), best, margin)
+
+    def best_cells(self, most: int) -> Iterator[tuple[int, int]]:
+        """Heading and place of the best cell, then of the best one elsewhere, and so on; at most so many."""
+        votes = self.votes.copy()
+        for _ in range(most):
+            row, place = divmod(int(np.argmax(votes)), votes.shape[1])
+            if votes[row, place] <= 0.0:
+                return
+            yield row, place
+            votes[self._around(row, place)] = 0.0
+
+    def _around(self, row: int, place: int) -> tuple[NDArray[Any], ...]:
+        """Indices of the cells that are the same place and heading as one cell, roughly."""
+        offsets = self.places.positions - self.places.positions[place]
+        near_place = np.hypot(offsets[:, 0], offsets[:, 1]) <= _RIVAL_SPACINGS * self.places.spacing
+        near_heading = np.abs(angle_difference(self.headings, self.headings[row])) <= np.radians(_RIVAL_DEG)
+        return np.ix_(np.flatnonzero(near_heading), np.flatnonzero(near_place))
+
+    def weakened(self, row: int, place: int, factor: float) -> VoteField:
+        """The same field with less votes around a cell: a closer look found less there than elsewhere."""
+        votes = self.votes.copy()
+        votes[self._around(row, place)] *= np.float32(factor)
+        return replace(self, votes=votes)
+
+    @cached_property
+    def standing_out(self) -> float:
+        """How far the best votes lie above the mean of all, in standard deviations of all: of noise, no more than chance gives."""
+        spread = float(self.votes.std())
+        # Equal votes differ by rounding alone.
+        return (self.peak.votes - float(self.votes.mean())) / spread if spread > 1e-6 * self.peak.votes else 0.0
+
+    @cached_property
+    def best_pose(self) -> Float64:
+        """The best cell's pose, between places and headings. float64 (3,).
+
+        Votes peak in a cusp and not in a parabola, which would pull the position towards the grid. On a grid the position is where
+        two lines of equal slope through the votes of the neighbours meet (Shimizu & Okutomi 2002); elsewhere it is that of the place.
+        """
+        peak = self.peak
+        heading = 0.0 if np.isnan(peak.heading) else peak.heading
+        position = self.places.positions[peak.place]
+        row = round(heading * len(self.headings) / (2.0 * np.pi)) % len(self.headings)
+        rows = [(row + step) % len(self.headings) for step in ((-1, 0, 1) if self.full_circle else (0,))]
+        moved = [self._between_neighbours(position, axis, peak.place, rows) for axis in np.eye(2)]
+        return np.array([position[0] + moved[0], position[1] + moved[1], heading])
+
+    def _between_neighbours(self, position: Float64, axis: Float64, place: int, rows: list[int]) -> float:
+        """Offset of the peak along an axis of the grid, metres; 0 where there is no neighbour on both sides."""
+        spacing = self.places.spacing
+        sides = position + spacing * np.outer([-1.0, 1.0], axis)
+        neighbours = self.places.nearest(sides)
+        if np.any(np.hypot(*(self.places.positions[neighbours] - sides).T) > 0.1 * spacing):
+            return 0.0
+        before, after = (float(votes) for votes in self.votes[np.array(rows)[:, None], neighbours[None, :]].max(axis=0))
+        here = float(self.votes[rows, place].max())
+        fall = here - min(before, after)
+        return float(np.clip(0.5 * (after - before) / fall, -0.5, 0.5)) * spacing if fall > 0.0 else 0.0
+
+    def _between_headings(self, row: int, place: int) -> float:
+        if not self.gives_heading:
+            return float("nan")
+        heading = float(self.headings[row])
+        count = len(self.headings)
+        if not self.full_circle or count < 3:
+            return heading
+        before, here, after = (float(self.votes[(row + step) % count, place]) for step in (-1, 0, 1))
+        curvature = before - 2.0 * here + after
+        # Top of the parabola through the three headings around the best.
+        offset = 0.5 * (before - after) / curvature if curvature < 0.0 else 0.0
+        return float(wrap_angle(heading + offset * 2.0 * np.pi / count))
+
+    def with_measurement(self, measurement: PoseMeasurement | None) -> VoteField:
+        """The same field with the pose that the image gives by itself."""
+        return self._but(replace(self, measurement=measurement))
+
+    def judged(self, confidence: float, problem: str) -> VoteField:
+        """The same field with how far it is to be believed."""
+        return self._but(replace(self, confidence=confidence, problem=problem))
+
+    def _but(self, field: VoteField) -> VoteField:
+        # What is worked out already holds for it, too.
+        known = ("peak", "best_pose", "standing_out")
+        field.__dict__.update({name: self.__dict__[name] for name in known if name in self.__dict__})
+        return field
+
+    def sample(self, count: int, rng: np.random.Generator) -> Float64:
+        """Poses drawn in proportion to the likelihood of the cells, spread over their cell. float64 (count, 3).
+
+        Where the image gives no heading, headings are uniform.
+        """
+        flat = self.votes.ravel()
+        # Cells five standard deviations below the best are hardly ever drawn; leaving them out saves the work of nearly all cells.
+        likely = np.flatnonzero(flat >= self.peak.votes - 5.0 * self.tolerance)
+        cumulative = np.cumsum(self.likelihood(flat[likely]))
+        drawn = np.minimum(np.searchsorted(cumulative, rng.random(count) * cumulative[-1], side="right"), len(cumulative) - 1)
+        rows, places = np.divmod(likely[drawn], self.votes.shape[1])
+        step = 2.0 * np.pi / len(self.headings)
+        poses = np.empty((count, 3))
+        # A third of a spacing of standard deviation covers the way to the neighbours, whose own votes weigh the result.
+        poses[:, :2] = self.places.positions[places] + rng.normal(0.0, 0.35 * self.places.spacing, (count, 2))
+        if self.gives_heading:
+            poses[:, 2] = wrap_angle(self.headings[rows] + rng.normal(0.0, max(step, np.radians(1.0)), count))
+        else:
+            poses[:, 2] = rng.uniform(-np.pi, np.pi, count)
+        return poses
+
+
+def at_headings(votes: Float32, headings: Float64) -> Float32:
+    """Rows of a field over the full circle at any headings (h,), linear between rows: float32 (h, k)."""
+    count = len(votes)
+    position = np.asarray(headings) * (count / (2.0 * np.pi))
+    lower = np.floor(position).astype(np.int64)
+    fraction = (position - lower).astype(np.float32)[:, None]
+    return np.asarray((1.0 - fraction) * votes[lower % count] + fraction * votes[(lower + 1) % count], dtype=np.float32)
+
+
+def silent_field(headings: Float64, places: Places, problem: str, full_circle: bool) -> VoteField:
+    """The field of an image that says nothing: all votes 0, and why."""
+    votes = np.zeros((len(headings), len(places)), dtype=np.float32)
+    return VoteField(votes, headings, places, tolerance=1.0, full_circle=full_circle, problem=problem)

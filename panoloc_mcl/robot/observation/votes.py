@@ -1,0 +1,379 @@
+"""The default model: all headings at once in an eigenspace of locally normalised gradients.
+
+Turning the robot shifts the columns of its panorama, so the projections of the image at *all* headings on an eigenimage are one
+circular correlation along the rows: a product of spectra, summed over the rows, and one inverse FFT an eigenimage. The cosine
+between the image's and a place's coefficients (eq. 4 of the paper) follows for all headings by one matrix product. Its norms are
+those of the overlap of both images' usable pixels, so what is masked in either does not count, and the cosine becomes a vote by
+the paper's voting function (eq. 3).
+"""
+
+from __future__ import annotations
+
+import os
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+from scipy.spatial import cKDTree
+
+from panoloc_mcl.robot.camera import Panorama
+from panoloc_mcl.robot.eigenspace.gradients import check_filter_size, orientations
+from panoloc_mcl.robot.eigenspace.pca import eigenspace_of
+from panoloc_mcl.robot.errors import MapError
+from panoloc_mcl.robot.observation.base import Arrays
+from panoloc_mcl.robot.observation.calibration import Calibration, calibrate
+from panoloc_mcl.robot.observation.field import VoteField, at_headings, silent_field
+from panoloc_mcl.robot.observation.overlap import OverlapNorms, block_energy, block_usable, squared_magnitude
+from panoloc_mcl.robot.observation.places import Places
+from panoloc_mcl.robot.progress import Progress, no_progress
+from panoloc_mcl.robot.references import ReferencePanoramas
+from panoloc_mcl.robot.settings.observation import VotesSettings
+from panoloc_mcl.robot.synthesis import PoseRefiner, ViewSynthesizer, check_poses, places_of, sweep_profiles, synthetic_features
+
+Float32 = NDArray[np.float32]
+Complex64 = NDArray[np.complex64]
+
+# What votes at the true pose fall short of the best ones, where it was not learnt; and at the least: few references teach no trust.
+_USUAL_TOLERANCE, _LEAST_TOLERANCE = 0.15, 0.08
+_FEWEST_COMPONENTS, _MOST_COMPONENTS, _PLACES_A_COMPONENT = 60, 200, 8
+
+
+def _default_components(places: int) -> int:
+    """Eigenimages that tell so many places apart: neighbouring views are alike, so a share of their number is enough."""
+    return int(np.clip(places // _PLACES_A_COMPONENT, _FEWEST_COMPONENTS, _MOST_COMPONENTS))
+
+
+class VotesModel:
+    """Votes over all headings and places of the map (model ``votes``).
+
+    Parameters
+    ----------
+    places : Places
+    settings : VotesSettings
+    columns : int
+        Of a panorama: as many headings are voted on.
+    spectra : complex64 (frequencies, p, rows)
+        Conjugate row spectra of the eigenimages, frequency first, as far as ``bandwidth`` goes.
+    coefficients : complex64 (k, p)
+        Of the places.
+    energy : float32 (k, r, c)
+        Squared magnitude of the places' normalised gradients, summed over blocks of pixels.
+    usable : float32 (k, r, c)
+        Share of the pixels of each block that is not masked.
+    kept : float
+        Share of the places' energy that the eigenimages hold.
+    synthesizer : ViewSynthesizer, optional
+        That made the views of virtual places; without one, the places are the references.
+    notes : tuple of str
+        What the user should know of the map.
+    calibration : Calibration, optional
+        What held-out references taught; without one, no confidence is given.
+    """
+
+    name = "votes"
+    draws = False
+    gives_heading = True
+
+    def __init__(
+        self,
+        places: Places,
+        settings: VotesSettings,
+        columns: int,
+        spectra: Complex64,
+        coefficients: Complex64,
+        energy: Float32,
+        usable: Float32,
+        kept: float,
+        synthesizer: ViewSynthesizer | None = None,
+        notes: tuple[str, ...] = (),
+        calibration: Calibration | None = None,
+    ) -> None:
+        self.places = places
+        self.settings = settings
+        self.kept = kept
+        self.notes = notes
+        self.calibration = calibration
+        self._spectra = spectra
+        self._coefficients = coefficients
+        self._norms = OverlapNorms(energy, usable)
+        # Re(conj(a) b) as one real product: [Re a, Im a] . [Re b, Im b].
+        self._coefficients_real = np.hstack([coefficients.real, coefficients.imag]).astype(np.float32)
+        self._frequencies = _frequencies(columns, settings.bandwidth)
+        self._headings = 2.0 * np.pi * np.arange(columns) / columns
+        self._synthesizer = synthesizer
+        refines = synthesizer is not None and settings.refinement.enabled
+        self._refiner = PoseRefiner(synthesizer, settings) if synthesizer is not None and refines else None
+
+    @classmethod
+    def build(
+        cls, references: ReferencePanoramas, settings: VotesSettings, seed: int = 0, progress: Progress = no_progress
+    ) -> Self:
+        """Compute depths, virtual places and the eigenspace of all their views.
+
+        Raises
+        ------
+        MapError
+            A reference without usable texture, filters larger than the panoramas, or more eigenimages asked for than there are.
+        """
+        check_filter_size(references.geometry.shape, settings)
+        _check_texture(references, settings)
+        synthesizer, notes = _synthesizer(references, settings, progress)
+        places = _places(references, settings, synthesizer)
+        rows, columns = references.geometry.shape
+        energies: dict[int, Float32] = {}
+        shares: dict[int, Float32] = {}
+
+        def features(index: int) -> Complex64:
+            if synthesizer is None:
+                z, mask = orientations(references.panorama(index), settings)
+            else:
+                z, mask = synthetic_features(synthesizer, places.positions[index], settings)
+            energies[index], shares[index] = block_energy(z), block_usable(mask)
+            return z.ravel()
+
+        eigenspace = eigenspace_of(
+            features,
+            len(places),
+            settings.components,
+            _default_components(len(places)),
+            "observation.votes.components",
+            progress,
+            _threads(settings),
+        )
+        # The norm of a place is that of its coefficients (eq. 4): what the eigenimages do not hold must not count against it.
+        held = np.sum(np.abs(eigenspace.coefficients) ** 2, axis=1)
+        energy = np.stack([energies[index] for index in range(len(places))])
+        usable = np.stack([shares[index] for index in range(len(places))])
+        energy *= (held / np.maximum(energy.sum(axis=(1, 2)), 1e-12))[:, None, None]
+        kept = _frequencies(columns, settings.bandwidth)
+        spectra = np.empty((len(kept), len(eigenspace.eigenimages), rows), dtype=np.complex64)
+        for index, eigenimage in enumerate(eigenspace.eigenimages):
+            spectra[:, index, :] = fft.fft(eigenimage.reshape(rows, columns), axis=1).conj().T[kept]
+        model = cls(
+            places, settings, columns, spectra, eigenspace.coefficients, energy, usable, eigenspace.kept, synthesizer, notes
+        )
+        if synthesizer is not None:
+            most, threads = settings.calibration_references, _threads(settings)
+            model.calibration = calibrate(model.held_out, references, most, progress, threads)
+        return model
+
+    @classmethod
+    def restore(cls, references: ReferencePanoramas, settings: VotesSettings, arrays: Arrays) -> Self:
+        """Take up the arrays of a map file."""
+        synthesizer = None
+        if "profiles" in arrays and references.camera_height_m is not None:
+            profiles, alone = arrays["profiles"].astype(np.float64), arrays["alone"].astype(np.bool_)
+            synthesizer = ViewSynthesizer(references, profiles, references.camera_height_m, alone)
+        return cls(
+            _places(references, settings, synthesizer),
+            settings,
+            references.geometry.width,
+            arrays["spectra"],
+            arrays["coefficients"],
+            arrays["energy"],
+            arrays["usable"],
+            float(arrays["kept"][0]),
+            synthesizer,
+            calibration=Calibration.of_array(arrays["calibration"]) if "calibration" in arrays else None,
+        )
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """What a map file keeps."""
+        kept: dict[str, NDArray[Any]] = {
+            "spectra": self._spectra,
+            "coefficients": self._coefficients,
+            "energy": self._norms.energy,
+            "usable": self._norms.usable,
+            "kept": np.array([self.kept]),
+        }
+        if self._synthesizer is not None:
+            kept["profiles"] = self._synthesizer.profiles.astype(np.float32)
+            kept["alone"] = self._synthesizer.alone.astype(np.uint8)
+        if self.calibration is not None:
+            kept["calibration"] = self.calibration.array()
+        return kept
+
+    def observe(self, panorama: Panorama, headings: NDArray[np.float64] | None = None) -> VoteField:
+        """Votes of one image (see `ObservationModel.observe`)."""
+        z, mask = orientations(panorama, self.settings)
+        problem = self._problem(panorama, z, mask)
+        if problem:
+            asked = self._headings if headings is None else headings
+            return silent_field(asked, self.places, problem, headings is None)
+        cosines = self._correlations(z) / self._norms.of(z, mask)
+        votes = vote_of_cosine(cosines, self.settings.vote_width)
+        # Votes count relative to the best one: it falls with the distance to the next place, in all lights alike.
+        weakest = vote_of_cosine(np.array([self.settings.full_match], dtype=np.float32), self.settings.vote_width)[0]
+        tolerance = self._tolerance * max(float(votes.max()), float(weakest))
+        if headings is None:
+            field = VoteField(votes, self._headings, self.places, tolerance)
+            return self._judged(field if self._refiner is None else self._refined(self._refiner, field, z, mask))
+        return VoteField(at_headings(votes, headings), headings, self.places, tolerance, full_circle=False)
+
+    def _refined(self, refiner: PoseRefiner, field: VoteField, z: Complex64, mask: NDArray[np.bool_]) -> VoteField:
+        """The field with the pose of the best cell, refined.
+
+        The best few cells are looked at in turn until one agrees with the image. Synthesis sees more than the eigenspace: where it
+        finds that an earlier one agrees less, the votes there shrink in proportion.
+        """
+        settings = self.settings.refinement
+        cells = list(field.best_cells(settings.candidates))
+        starts = [
+            field.best_pose,
+            *(np.array([*self.places.positions[place], self._headings[row]]) for row, place in cells[1:]),
+        ]
+        measured, agreements = refiner.refine_best(z, mask, starts, settings.sufficient_agreement)
+        best = max(agreements)
+        for (row, place), agreement in zip(cells, agreements, strict=False):
+            if 0.0 < agreement < best:
+                field = field.weakened(row, place, agreement / best)
+        return field.with_measurement(measured)
+
+    def _judged(self, field: VoteField) -> VoteField:
+        """The field with how far it is to be believed; one that fits nowhere says so."""
+        if self.calibration is None:
+            return field
+        confidence = self.calibration.confidence(field)
+        fits = confidence >= self.settings.fits_nowhere_below
+        return field.judged(
+            confidence, "" if fits else f"image fits nowhere in the map (confidence {100.0 * confidence:.0f} %)"
+        )
+
+    @property
+    def _tolerance(self) -> float:
+        if self.settings.tolerance is not None:
+            return self.settings.tolerance
+        learnt = _USUAL_TOLERANCE if self.calibration is None else self.calibration.tolerance
+        return max(learnt, _LEAST_TOLERANCE)
+
+    def held_out(self, reference: int) -> VotesModel:
+        """The model as though a reference had never been taken.
+
+        The views of the places that are nearest to it are made from the others; eigenimages and depths stay as they are.
+
+        Raises
+        ------
+        ValueError
+            Views are not synthesised: without its reference, a place is gone.
+        """
+        if self._synthesizer is None:
+            raise ValueError("a map without virtual places cannot do without a reference")
+        energy, usable = self._norms.energy, self._norms.usable
+        references = self._synthesizer.references
+        others = self._synthesizer.of(np.delete(np.arange(len(references)), reference))
+        coefficients, energy, usable = self._coefficients.copy(), energy.copy(), usable.copy()
+        nearest = cKDTree(references.positions).query(self.places.positions)[1]
+        # Off the grid that the references may lie on, as robots are.
+        moved = self.places.spacing * np.random.default_rng(reference).uniform(-0.5, 0.5, 2)
+        positions = self.places.positions + np.where(nearest == reference, 1.0, 0.0)[:, None] * moved
+        for place in np.flatnonzero(nearest == reference):
+            z, mask = synthetic_features(others, positions[place], self.settings)
+            coefficients[place] = self._projections(z)[0]
+            energy[place], usable[place] = block_energy(z), block_usable(mask)
+            energy[place] *= np.sum(np.abs(coefficients[place]) ** 2) / max(float(energy[place].sum()), 1e-12)
+        return self._with(Places(positions, self.places.references), coefficients, energy, usable, others)
+
+    def _with(
+        self, places: Places, coefficients: Complex64, energy: Float32, usable: Float32, synthesizer: ViewSynthesizer | None
+    ) -> VotesModel:
+        """A model with the same eigenimages."""
+        columns = len(self._headings)
+        return VotesModel(
+            places, self.settings, columns, self._spectra, coefficients, energy, usable, self.kept, synthesizer, self.notes
+        )
+
+    def _problem(self, panorama: Panorama, z: Complex64, mask: NDArray[np.bool_]) -> str:
+        visible = float(mask.mean())
+        if visible < self.settings.min_visible:
+            brightness = float(np.median(panorama.pixels))
+            if brightness <= self.settings.mask_dark:
+                what = "image is black"
+            elif brightness >= self.settings.mask_bright:
+                what = "image is saturated"
+            else:
+                what = "image is mostly masked"
+            return f"{what}: {100.0 * visible:.0f} % of its pixels are usable"
+        if float(squared_magnitude(z).mean()) < 1e-3:
+            return "image has no texture"
+        return ""
+
+    def _correlations(self, z: Complex64) -> Float32:
+        """Inner products of the turned image with every place's reconstruction, float32 (headings, k)."""
+        turned = self._projections(z)
+        turned_real = np.hstack([turned.real, turned.imag]).astype(np.float32, copy=False)
+        return np.asarray(turned_real @ self._coefficients_real.T, dtype=np.float32)
+
+    def _projections(self, z: Complex64) -> Complex64:
+        """Inner products of the turned image with every eigenimage, complex64 (headings, p)."""
+        spectrum = np.ascontiguousarray(fft.fft(z, axis=1).T[self._frequencies])
+        projections = np.zeros((z.shape[1], self._spectra.shape[1]), dtype=np.complex64)
+        projections[self._frequencies] = np.matmul(self._spectra, spectrum[:, :, None])[:, :, 0]
+        return np.asarray(fft.ifft(projections, axis=0))
+
+
+def _frequencies(columns: int, bandwidth: float) -> NDArray[np.int64]:
+    """Indices of the lowest row frequencies, both signs, as a transform over all columns orders them."""
+    highest = max(1, int(0.5 * bandwidth * columns))
+    return np.flatnonzero(np.abs(np.rint(fft.fftfreq(columns) * columns)) <= highest)
+
+
+def _threads(settings: VotesSettings) -> int:
+    return settings.virtual_places.threads or os.cpu_count() or 1
+
+
+def _check_texture(references: ReferencePanoramas, settings: VotesSettings) -> None:
+    rows, columns = references.geometry.shape
+    faults = []
+    for index, name in enumerate(references.names):
+        z, _ = orientations(references.panorama(index), settings)
+        if squared_magnitude(z).sum() < 1e-3 * rows * columns:
+            faults.append(f"reference {name}: has no texture (black, saturated or constant); take it out of poses.csv")
+    if faults:
+        raise MapError(faults)
+
+
+def _synthesizer(
+    references: ReferencePanoramas, settings: VotesSettings, progress: Progress
+) -> tuple[ViewSynthesizer | None, tuple[str, ...]]:
+    """What synthesises views, or why there is none."""
+    if not settings.virtual_places.enabled:
+        return None, ()
+    height = references.camera_height_m
+    if height is None:
+        return None, ("no virtual places: the camera's height is not known; give camera.height_m in dataset.yaml",)
+    if len(np.unique(references.positions, axis=0)) < 2:
+        return None, ("no virtual places: a single reference has no neighbours to see depth with",)
+    profiles = sweep_profiles(references, height, settings, progress, _threads(settings))
+    # As the map file keeps them, so that a map that was loaded gives the same votes to the last bit.
+    profiles = profiles.astype(np.float32).astype(np.float64)
+    every = ViewSynthesizer(references, profiles, height)
+    check = check_poses(every, Places(references.positions).spacing, settings, progress, _threads(settings))
+    if check.faults:
+        raise MapError(check.faults)
+    notes = check.notes(references.names)
+    return (ViewSynthesizer(references, profiles, height, check.alone) if check.helps else None), notes
+
+
+def _places(references: ReferencePanoramas, settings: VotesSettings, synthesizer: ViewSynthesizer | None) -> Places:
+    given = Places(references.positions)
+    if synthesizer is None:
+        return given
+    return Places(places_of(synthesizer, given.spacing, settings.virtual_places), references.positions)
+
+
+def vote_of_cosine(cosines: Float32, width: float) -> Float32:
+    """The paper's voting function (eq. 3) of the angle whose cosine is given; 0 for negative cosines.
+
+    Parameters
+    ----------
+    cosines : float32, any shape
+    width : float
+        Sigma, radians.
+
+    Returns
+    -------
+    float32, same shape, in [0, 1]
+    """
+    angle = np.arccos(np.clip(cosines, 0.0, 1.0))
+    return np.asarray(np.exp(angle * angle * np.float32(-0.5 / width**2)), dtype=np.float32)

@@ -1,0 +1,137 @@
+"""The references of a map: images of known places on disk, and the panoramas that they become, all of one size and at heading 0."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from panoloc_mcl.robot.camera import Camera, Panorama, PanoramaGeometry, Unwrapper, geometry_of
+from panoloc_mcl.robot.errors import DatasetError
+from panoloc_mcl.robot.geometry import angle_difference
+from panoloc_mcl.robot.images import read_image
+from panoloc_mcl.robot.progress import Progress, no_progress
+
+_SAME_PLACE_M = 1e-3
+_SAME_HEADING = 1e-3  # radians
+
+
+@dataclass(frozen=True, eq=False)
+class References:
+    """The images of known places that a map is made of.
+
+    Parameters
+    ----------
+    path : Path
+        The folder.
+    files : tuple of Path
+        One image a place.
+    poses : ndarray of float64, shape (n, 3)
+        Where each was taken, map frame.
+    camera : PanoramaCamera or OmniCamera
+        The camera of these images.
+    image_size : (int, int)
+        Their width and height.
+    """
+
+    path: Path
+    files: tuple[Path, ...]
+    poses: NDArray[np.float64]
+    camera: Camera
+    image_size: tuple[int, int]
+
+    def __len__(self) -> int:
+        return len(self.files)
+
+
+@dataclass(frozen=True, eq=False)
+class ReferencePanoramas:
+    """Reference panoramas at heading 0.
+
+    Parameters
+    ----------
+    pixels : uint8 (n, rows, columns)
+        Grey levels.
+    valid : bool (rows, columns), or None
+        Pixels that the reference camera sees, where it does not see all.
+    positions : float64 (n, 2)
+        Metres, map frame.
+    names : tuple of str
+        File names, for messages.
+    geometry : PanoramaGeometry
+    camera_height_m : float or None
+        Of the camera above the floor.
+    """
+
+    pixels: NDArray[np.uint8]
+    valid: NDArray[np.bool_] | None
+    positions: NDArray[np.float64]
+    names: tuple[str, ...]
+    geometry: PanoramaGeometry
+    camera_height_m: float | None
+
+    def __len__(self) -> int:
+        return len(self.pixels)
+
+    def panorama(self, index: int) -> Panorama:
+        """One reference as a panorama."""
+        return Panorama(self.pixels[index].astype(np.float32), self.valid)
+
+
+def read_references(source: References, progress: Progress = no_progress) -> ReferencePanoramas:
+    """Read references as canonical panoramas at heading 0.
+
+    Raises
+    ------
+    DatasetError, ImageError
+        No references, two at one pose, or images that cannot be used.
+    """
+    if len(source) == 0:
+        raise DatasetError(f"{source.path}: no references; a map needs at least one row in poses.csv")
+    doubles = same_poses(source)
+    if doubles:
+        raise DatasetError(doubles)
+    geometry = geometry_of(source.camera, source.image_size)
+    pixels = np.empty((len(source), *geometry.shape), dtype=np.uint8)
+    valid: NDArray[np.bool_] | None = None
+    unwrappers: dict[float, Unwrapper] = {}
+    for index, (file, pose) in enumerate(zip(source.files, source.poses, strict=True)):
+        turn = -float(pose[2])
+        unwrap = unwrappers.get(turn) or Unwrapper(source.camera, source.image_size, geometry, turn)
+        if len(unwrappers) < 4:
+            # References usually share one heading; where each has its own, tables would only fill memory.
+            unwrappers[turn] = unwrap
+        panorama = unwrap(read_image(file))
+        pixels[index] = np.clip(np.rint(panorama.pixels), 0, 255)
+        if panorama.valid is not None:
+            valid = panorama.valid if valid is None else valid & panorama.valid
+        progress(index + 1, len(source), "references")
+    return ReferencePanoramas(
+        pixels=pixels,
+        valid=valid,
+        positions=np.ascontiguousarray(source.poses[:, :2]),
+        names=tuple(file.name for file in source.files),
+        geometry=geometry,
+        camera_height_m=source.camera.height_m,
+    )
+
+
+def same_poses(references: References) -> list[str]:
+    """One line for each two references at one position and heading, within 1 mm and 1 mrad.
+
+    Several headings at one position are several views of it, and welcome.
+    """
+    # Slow to import, and only the check needs it.
+    from scipy.spatial import cKDTree
+
+    faults = []
+    poses = references.poses
+    for first, second in sorted(cKDTree(poses[:, :2]).query_pairs(_SAME_PLACE_M)):
+        if abs(float(angle_difference(poses[first, 2], poses[second, 2]))) < _SAME_HEADING:
+            faults.append(
+                f"{references.path / 'poses.csv'}: {references.files[first].name} and {references.files[second].name} "
+                f"have the same pose ({poses[first, 0]:g}, {poses[first, 1]:g}, {poses[first, 2]:g}); keep one of them"
+            )
+    return faults

@@ -1,0 +1,1 @@
+"""Settings of the robot's parts, and how they are checked."""

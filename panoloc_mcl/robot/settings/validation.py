@@ -1,0 +1,129 @@
+"""Reading and checking of YAML: every fault at once, one line each, with file, key, value and remedy.
+
+The only place in the package that parses YAML.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping
+from pathlib import Path
+from typing import Any, TypeVar, get_args
+
+import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
+
+from panoloc_mcl.robot.errors import ConfigError
+from panoloc_mcl.robot.settings.faults import SourceOf, fault_lines
+
+
+class StrictModel(BaseModel):
+    """Base of everything that is read from YAML: no unknown keys, no NaN or infinity, immutable once read."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True, validate_default=True)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _truth_values_only_where_asked_for(cls, value: Any, info: ValidationInfo) -> Any:
+        # Otherwise true would count as 1.
+        if isinstance(value, bool) and not _takes_bool(cls.model_fields[str(info.field_name)].annotation):
+            raise ValueError("must not be true or false; mind that YAML reads yes, no, on and off so")
+        return value
+
+
+def _takes_bool(annotation: Any) -> bool:
+    return annotation is bool or any(_takes_bool(argument) for argument in get_args(annotation))
+
+
+Model = TypeVar("Model", bound=StrictModel)
+
+
+class _UniqueKeyLoader(yaml.SafeLoader):
+    """SafeLoader that refuses a key given twice, where plain YAML would silently let the last one win."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        seen: set[Any] = set()
+        for key_node, _ in node.value:
+            key = self.construct_object(key_node, deep=True)
+            if not isinstance(key, Hashable):
+                raise yaml.constructor.ConstructorError(None, None, "a key must be plain text", key_node.start_mark)
+            if key in seen:
+                raise yaml.constructor.ConstructorError(None, None, f"key '{key}' is given twice", key_node.start_mark)
+            seen.add(key)
+        return super().construct_mapping(node, deep)
+
+
+def parse_yaml(text: str, source: str, *, locate: bool = True) -> Any:
+    """Parse YAML text safely.
+
+    Parameters
+    ----------
+    text : str
+    source : str
+        What to call it in a fault.
+    locate : bool
+        Add line and column to that; pointless where the text is but one value.
+
+    Raises
+    ------
+    ConfigError
+        Not YAML, or a key given twice.
+    """
+    try:
+        return yaml.load(text, Loader=_UniqueKeyLoader)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f"{source}:{mark.line + 1}:{mark.column + 1}" if locate and mark is not None else source
+        problem = getattr(error, "problem", None) or str(error)
+        raise ConfigError(f"{where}: not valid YAML: {problem}; mend it") from error
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    """Read a YAML file whose top level is a mapping.
+
+    Raises
+    ------
+    ConfigError
+        Missing or unreadable file, not YAML, or not a mapping.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise ConfigError(f"{path}: no such file; check the path") from None
+    except IsADirectoryError:
+        raise ConfigError(f"{path}: is a folder; name the YAML file in it") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read ({error}); check permissions and encoding (UTF-8)") from error
+    data = parse_yaml(text, str(path))
+    if data is None:
+        data = {}
+    if not isinstance(data, dict):
+        raise ConfigError(f"{path}: holds a {type(data).__name__} where a mapping is needed; write key: value lines")
+    return data
+
+
+def dump_yaml(data: Mapping[str, Any]) -> str:
+    """YAML text of plain data, keys in the given order."""
+    return yaml.safe_dump(dict(data), sort_keys=False, allow_unicode=True, width=120)
+
+
+def validate(model: type[Model], data: Mapping[str, Any], source: str | SourceOf) -> Model:
+    """Check plain data against a model.
+
+    Parameters
+    ----------
+    model : subclass of StrictModel
+    data : mapping
+        As read from YAML.
+    source : str or callable
+        What to call the data in a fault: a file, or a function that says whence the value at a location came.
+
+    Raises
+    ------
+    ConfigError
+        Every fault found, one line each: key, value, what is allowed; unknown keys with the nearest known one.
+    """
+    try:
+        return model.model_validate(dict(data))
+    except ValidationError as error:
+        source_of = (lambda location: source) if isinstance(source, str) else source
+        raise ConfigError(fault_lines(model, data, error, source_of)) from error

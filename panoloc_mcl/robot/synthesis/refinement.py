@@ -1,0 +1,305 @@
+"""The pose of one image to millimetres: Gauss-Newton on the view synthesised around the best place.
+
+Lucas & Kanade (1981) with a synthesised view in place of an image patch: every step takes the view at the pose reached so far from
+the nearest references, what a small step of position, heading and tilt would change in it, and solves for the step that explains the
+difference to the image. The first steps compare smoothed features on a coarse grid, which reach far and cost little; there the
+references' features are warped as they are. The last steps warp the images and compute the features of the result.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache, partial
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from panoloc_mcl.robot.eigenspace.gradients import orientations, pad_circular
+from panoloc_mcl.robot.geometry import wrap_angle
+from panoloc_mcl.robot.kernels.warping import column_products, normal_equations
+from panoloc_mcl.robot.measurement import Agreement, PoseMeasurement
+from panoloc_mcl.robot.references import ReferencePanoramas
+from panoloc_mcl.robot.settings.observation import RefinementSettings, VotesSettings
+from panoloc_mcl.robot.synthesis.views import MARGIN, ViewSynthesizer
+
+Float64 = NDArray[np.float64]
+Float32 = NDArray[np.float32]
+Complex64 = NDArray[np.complex64]
+Bool = NDArray[np.bool_]
+
+
+class Step(NamedTuple):
+    """A Gauss-Newton step: at every ``stride`` pixels, smoothed with a standard deviation in pixels, against so many views."""
+
+    stride: int
+    sigma: float
+    sources: int
+
+    @property
+    def fine(self) -> bool:
+        """Whether it looks at every pixel of images that were warped themselves."""
+        return self.stride == 1
+
+
+def _steps(settings: RefinementSettings, columns: int) -> tuple[list[Step], list[Step]]:
+    """Coarse steps reach far and cost little; the first fine one is still far off, and more references would not help it."""
+    few = min(2, settings.sources)
+    coarse = [Step(stride, sigma, few) for stride, sigma in _COARSE if columns % stride == 0]
+    fine = [Step(1, 0.0, few)] + [Step(1, 0.0, settings.sources)] * max(settings.iterations - 1, 1)
+    return coarse or fine[:1], fine
+
+
+# Every so many pixels, smoothed with this standard deviation in pixels.
+_COARSE = ((4, 5.0), (4, 5.0), (2, 2.0), (2, 2.0))
+# At full resolution every second row is enough: smoothing and gradients make neighbouring rows say nearly the same.
+_FINE_ROWS_EVERY = 2
+_LARGEST_STEP_M = 0.15
+_LARGEST_TURN = np.radians(2.0)
+# Standard deviation of pitch and roll before the image is seen, radians.
+_SD_TILT = np.radians(2.0)
+# Neighbouring pixels and both channels err together, and the views are not exact: so many of them count as one. Chosen so
+# that errors on recorded data are as large as the covariance says.
+_CORRELATED = 2.5
+# Of several poses, so many.
+_REFINED_TO_THE_END = 2
+# Information is not thought smaller than this agreement makes it.
+_LEAST_AGREEMENT = 0.1
+# Mean squared difference at the least: a view that fits exactly, or shows nothing of the image, has none and still errs.
+_LEAST_VARIANCE = 1e-4
+# Standing still: a step this small is about what the image can tell.
+_SMALLEST_STEP_M, _SMALLEST_TURN = 1.5e-3, np.radians(0.01)
+# Of the standard deviation: a step this small is not worth another one.
+_SMALL = 0.3
+# Sources are weighted by 1 / (distance + this).
+_NEAR_M = 0.05
+# Columns count where they agree, over a window around them, by this share of the upper quartile of all at the least.
+_AGREEING_WINDOW_DEG, _AGREEING_SHARE = 21.0, 0.6
+# References whose smoothed features are kept at hand.
+_KEPT_FEATURES = 96
+
+
+class _Equations(NamedTuple):
+    normal: Float64
+    right: Float64
+    residual: float
+    pixels: float
+    agreement: Agreement
+
+
+class PoseRefiner:
+    """Refines poses by synthesis.
+
+    Parameters
+    ----------
+    synthesizer : ViewSynthesizer
+    settings : VotesSettings
+    """
+
+    def __init__(self, synthesizer: ViewSynthesizer, settings: VotesSettings) -> None:
+        self._synthesizer = synthesizer
+        self._settings = settings
+        self._tree = cKDTree(synthesizer.references.positions)
+        # Not of a method: what is kept would keep the refiner, and itself, until the garbage is collected.
+        self._source_planes = lru_cache(maxsize=_KEPT_FEATURES)(partial(_source_planes, synthesizer.references, settings))
+
+    def refine(self, z: Complex64, usable: Bool, pose: Float64) -> PoseMeasurement:
+        """Refine a pose that is right to a few decimetres and degrees.
+
+        Parameters
+        ----------
+        z, usable : complex64 and bool (rows, columns)
+            Features of the image (see `orientations`).
+        pose : float64 (3,)
+            Where to begin.
+        """
+        return self.refine_best(z, usable, [pose])[0]
+
+    def refine_best(
+        self, z: Complex64, usable: Bool, poses: Iterable[Float64], sufficient: float = 1.0
+    ) -> tuple[PoseMeasurement, list[float]]:
+        """Refine the one of several poses around which the views agree best with the image.
+
+        The poses are approached by the coarse steps, which cost little, in turn until one agrees sufficiently; only the best is
+        refined to the end, or the best two where the first disappoints.
+
+        Parameters
+        ----------
+        z, usable : complex64 and bool (rows, columns)
+            Features of the image (see `orientations`).
+        poses : iterable of float64 (3,)
+            Where to begin; at least one.
+        sufficient : float
+            Agreement (cosine) of smoothed features.
+
+        Returns
+        -------
+        PoseMeasurement
+        list of float
+            Agreement that was reached from each pose tried.
+        """
+        coarse, fine = _steps(self._settings.refinement, z.shape[1])
+        planes = {sigma: _planes(z, usable, sigma) for sigma in {step.sigma for step in (*coarse, *fine)}}
+        approached: list[tuple[Float64, Float64, _Equations]] = []
+        for pose in poses:
+            approached.append(self._descended(planes, coarse, np.array(pose, dtype=np.float64), np.zeros(2)))
+            if approached[-1][2].agreement.cosine >= sufficient:
+                break
+        agreements = [equations.agreement.cosine for *_, equations in approached]
+        measured: list[PoseMeasurement] = []
+        for index in np.argsort(agreements)[::-1][:_REFINED_TO_THE_END]:
+            pose, tilt, equations = self._descended(planes, fine, *approached[index][:2])
+            pose[2] = wrap_angle(pose[2])
+            measured.append(PoseMeasurement(pose, self._covariance(equations), tilt, equations.agreement))
+            if measured[-1].agreement.cosine >= sufficient:
+                break
+        return max(measured, key=lambda one: one.agreement.cosine), agreements
+
+    def _descended(
+        self, planes: Mapping[float, Float32], steps: Sequence[Step], pose: Float64, tilt: Float64
+    ) -> tuple[Float64, Float64, _Equations]:
+        """Pose and tilt after Gauss-Newton steps, which end where nothing moves any more, and the last equations."""
+        unknowns = self._unknowns
+        for step in steps:
+            query, query_usable = self._turned_back(planes[step.sigma], pose[2], tilt, step.stride)
+            equations = self._equations(query, query_usable, pose[:2], step)
+            change = _solve(equations, tilt, unknowns)
+            pose, tilt = pose + change[:3], tilt + change[3:]
+            if step == steps[-1] and self._is_still(change, equations):
+                break
+        return pose, tilt, equations
+
+    def _is_still(self, change: Float64, equations: _Equations) -> bool:
+        """Whether a step is about what the image can tell, or far less than it does tell."""
+        sd = np.sqrt(np.diag(self._covariance(equations)))
+        far, turned = float(np.hypot(change[0], change[1])), abs(float(change[2]))
+        return far < max(_SMALLEST_STEP_M, _SMALL * float(max(sd[0], sd[1]))) and turned < max(
+            _SMALLEST_TURN, _SMALL * float(sd[2])
+        )
+
+    @property
+    def _unknowns(self) -> int:
+        return 5 if self._settings.refinement.tilt else 3
+
+    def _covariance(self, equations: _Equations) -> Float64:
+        unknowns = self._unknowns
+        inverse = np.linalg.inv(equations.normal[:unknowns, :unknowns] + 1e-9 * np.eye(unknowns))[:3, :3]
+        variance = max(equations.residual / max(equations.pixels, 1.0), _LEAST_VARIANCE)
+        # Noise has gradients, too, which tell nothing of the pose: what is not agreed upon must not count as information.
+        trusted = float(np.clip(equations.agreement.cosine, _LEAST_AGREEMENT, 1.0))
+        return np.asarray(_CORRELATED * variance / trusted**2 * inverse)
+
+    def _equations(self, query: Complex64, query_usable: Bool, position: Float64, step: Step) -> _Equations:
+        """Normal equations against the views of the nearest references, the nearer the more."""
+        distances, indices = self._sources_around(position, step.sources)
+        rays = self._synthesizer.rays
+        # Contiguous, as strided arrays would compile the kernel a second time.
+        floor, tangents = (np.ascontiguousarray(part[:: step.stride]) for part in (rays.floor, rays.tangents))
+        normal, right = np.zeros((5, 5)), np.zeros(5)
+        residual = pixels = 0.0
+        weights = 1.0 / (distances + _NEAR_M)
+        columns = np.zeros((3, query.shape[1]))
+        for weight, source in zip(weights / weights.sum(), indices, strict=True):
+            profile = self._synthesizer.profile_at(int(source), position)
+            view, view_usable = self._view(int(source), position, profile, step)
+            products = column_products(
+                view,
+                view_usable,
+                query,
+                query_usable,
+                np.ascontiguousarray(profile[:: step.stride]),
+                floor,
+                tangents,
+                _FINE_ROWS_EVERY if step.fine else 1,
+            )
+            part = normal_equations(products, _agreeing(products[-3:]), rays.row_step * step.stride)
+            normal += weight * part[0]
+            right += weight * part[1]
+            residual += weight * part[2]
+            pixels += weight * part[3]
+            columns += products[-3:]
+        return _Equations(normal, right, residual, pixels, Agreement.of_columns(*columns))
+
+    def _sources_around(self, position: Float64, count: int) -> tuple[Float64, NDArray[np.int64]]:
+        """The nearest references that views can be made from; beside one that stands alone, that one."""
+        distance, nearest = self._tree.query(position)
+        if self._synthesizer.alone[nearest]:
+            return np.array([distance]), np.array([nearest])
+        return self._synthesizer.sources_around(position, count)
+
+    def _view(self, source: int, position: Float64, profile: Float64, step: Step) -> tuple[Complex64, Bool]:
+        if step.fine:
+            return orientations(self._synthesizer.view(source, position, profile), self._settings)
+        map_x, map_y = self._synthesizer.table(source, position, profile, step.stride)
+        return _read(self._source_planes(source, step.sigma), map_x, map_y)
+
+    def _turned_back(self, planes: Float32, heading: float, tilt: Float64, stride: int) -> tuple[Complex64, Bool]:
+        """Features as an upright camera would have seen them at heading 0."""
+        rows, columns = planes.shape[0], planes.shape[1] - 2 * MARGIN
+        chosen = np.arange(0, columns, stride)
+        azimuth = -2.0 * np.pi * chosen / columns
+        # A small tilt lifts the columns sinusoidally with their azimuth; sideways it is of second order near the horizon.
+        lift = (tilt[0] * np.cos(azimuth) + tilt[1] * np.sin(azimuth)) / self._synthesizer.rays.row_step
+        source_columns = np.mod(chosen + heading * columns / (2.0 * np.pi), columns) + MARGIN
+        map_y = (np.arange(0, rows, stride)[:, None] + lift[None, :]).astype(np.float32)
+        map_x = np.broadcast_to(source_columns.astype(np.float32), map_y.shape)
+        return _read(planes, map_x, map_y)
+
+
+def _agreeing(columns: Float64) -> Bool:
+    """Columns where view and image show the same, as far as the best of them let expect: bool (columns,).
+
+    Where the world is not a floor and a wall (a goal before a wall), or where somebody stands in front of it, the view is wrong, and
+    its edges would pull the pose towards them. ``columns`` (3, columns) holds inner products and both squared norms.
+    """
+    count = columns.shape[1]
+    reach = max(1, round(_AGREEING_WINDOW_DEG / 720.0 * count))
+    around = np.concatenate([columns[:, -reach - 1 :], columns, columns[:, :reach]], axis=1).cumsum(axis=1)
+    summed = around[:, 2 * reach + 1 :] - around[:, : -2 * reach - 1]
+    agreement = summed[0] / np.sqrt(np.maximum(summed[1] * summed[2], 1e-12))
+    upper_quartile = np.partition(agreement, 3 * count // 4)[3 * count // 4]
+    return np.asarray(agreement >= _AGREEING_SHARE * upper_quartile)
+
+
+def _source_planes(references: ReferencePanoramas, settings: VotesSettings, source: int, sigma: float) -> Float32:
+    return _planes(*orientations(references.panorama(source), settings), sigma)
+
+
+def _planes(z: Complex64, usable: Bool, sigma: float) -> Float32:
+    """Real part, imaginary part and usability, smoothed and continued across the seam: float32 (rows, columns + 2 MARGIN, 3)."""
+    # Two boxes of n pixels have the variance (n^2 - 1) / 6; they take the same time for any n.
+    box = 2 * round(0.5 * (np.sqrt(6.0 * sigma**2 + 1.0) - 1.0)) + 1
+    margin = MARGIN + box
+    planes = np.empty((z.shape[0], z.shape[1] + 2 * margin, 3), dtype=np.float32)
+    planes[..., 0] = pad_circular(z.real, margin)
+    planes[..., 1] = pad_circular(z.imag, margin)
+    planes[..., 2] = pad_circular(usable, margin)
+    if box > 1:
+        smooth = cv2.blur(cv2.blur(planes, (box, box)), (box, box))
+        # A pixel is as usable as it was; only what is compared is smoothed.
+        smooth[..., 2] = planes[..., 2]
+        planes = smooth
+    return np.ascontiguousarray(planes[:, box : planes.shape[1] - box])
+
+
+def _read(planes: Float32, map_x: Float32, map_y: Float32) -> tuple[Complex64, Bool]:
+    read = cv2.remap(planes, np.ascontiguousarray(map_x), map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+    z = np.ascontiguousarray(read[..., :2]).view(np.complex64)[..., 0]
+    return z, read[..., 2] > 0.99
+
+
+def _solve(equations: _Equations, tilt: Float64, unknowns: int) -> Float64:
+    """The step of position, heading and tilt, of a length that can be trusted: float64 (5,)."""
+    normal, right = equations.normal.copy(), equations.right.copy()
+    # What is known of the tilt beforehand, in the units of the residuals.
+    stiffness = equations.residual / max(equations.pixels, 1.0) / _SD_TILT**2
+    normal[[3, 4], [3, 4]] += stiffness
+    right[3:] -= stiffness * tilt
+    regular = normal[:unknowns, :unknowns] + (1e-9 * np.trace(normal[:3, :3]) + 1e-12) * np.eye(unknowns)
+    step = np.zeros(5)
+    step[:unknowns] = np.linalg.solve(regular, right[:unknowns])
+    step[:2] *= min(1.0, _LARGEST_STEP_M / max(float(np.hypot(step[0], step[1])), 1e-12))
+    step[2] = np.clip(step[2], -_LARGEST_TURN, _LARGEST_TURN)
+    return step

@@ -1,0 +1,160 @@
+"""Views from where no camera stood: the walls that the references see, brought to another place, and their images warped there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache, partial
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from panoloc_mcl.robot.camera import Panorama, PanoramaGeometry
+from panoloc_mcl.robot.eigenspace.gradients import pad_circular
+from panoloc_mcl.robot.kernels.warping import move_profile, warp_table
+from panoloc_mcl.robot.references import ReferencePanoramas
+
+Float64 = NDArray[np.float64]
+Float32 = NDArray[np.float32]
+Bool = NDArray[np.bool_]
+
+# cv2.remap interpolates between neighbouring columns only.
+MARGIN = 4
+_KEPT_IMAGES = 64
+
+
+@dataclass(frozen=True, eq=False)
+class FloorRays:
+    """Rows of a panorama as rays.
+
+    Parameters
+    ----------
+    tangents : float64 (rows,)
+        Of the elevation.
+    floor : float64 (rows,)
+        Distance at which the row meets the floor, metres; infinity above the horizon.
+    top, row_step : float
+        Elevation of the upper edge of the first row, and of one row, radians.
+    """
+
+    tangents: Float64
+    floor: Float64
+    top: float
+    row_step: float
+
+    @classmethod
+    def of(cls, geometry: PanoramaGeometry, camera_height_m: float) -> FloorRays:
+        """Rays of a panorama taken at a height above the floor."""
+        tangents = np.tan(geometry.elevation_of_row(np.arange(geometry.height)))
+        floor = np.full(len(tangents), np.inf)
+        below = tangents < -1e-6
+        floor[below] = camera_height_m / -tangents[below]
+        span = np.radians(geometry.elevation_top_deg - geometry.elevation_bottom_deg)
+        return cls(tangents, floor, float(np.radians(geometry.elevation_top_deg)), float(span / geometry.height))
+
+
+class ViewSynthesizer:
+    """Warps references into views at other places.
+
+    Parameters
+    ----------
+    references : ReferencePanoramas
+    profiles : float64 (n, columns)
+        Distance of the wall around every reference, metres (see `sweep_profiles`).
+    camera_height_m : float
+    alone : bool (n,), optional
+        References that no neighbour fits: views elsewhere are not made from them. None by default.
+    """
+
+    def __init__(
+        self, references: ReferencePanoramas, profiles: Float64, camera_height_m: float, alone: Bool | None = None
+    ) -> None:
+        self.references = references
+        self.profiles = profiles
+        self.camera_height_m = camera_height_m
+        self.alone = np.zeros(len(references), dtype=np.bool_) if alone is None else alone
+        self.rays = FloorRays.of(references.geometry, camera_height_m)
+        # Of a large map only those at hand; whoever goes from place to place needs the same ones again.
+        # Not of a method, which would keep the synthesiser itself until the garbage is collected.
+        self._padded = lru_cache(maxsize=_KEPT_IMAGES)(partial(_padded, references))
+
+    @cached_property
+    def _sources(self) -> NDArray[np.int64]:
+        return np.flatnonzero(~self.alone)
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(self.references.positions[self._sources])
+
+    def sources_around(self, position: Float64, count: int) -> tuple[Float64, NDArray[np.int64]]:
+        """Distances and indices of the nearest references that views can be made from."""
+        distances, found = self._tree.query(position, k=min(count, len(self._sources)))
+        return np.atleast_1d(distances), self._sources[np.atleast_1d(found)]
+
+    def of(self, indices: NDArray[np.int64]) -> ViewSynthesizer:
+        """A synthesiser that has some of the references only."""
+        references = self.references
+        chosen = replace(
+            references,
+            pixels=references.pixels[indices],
+            positions=references.positions[indices],
+            names=tuple(references.names[index] for index in indices),
+        )
+        return ViewSynthesizer(chosen, self.profiles[indices], self.camera_height_m, self.alone[indices])
+
+    def profile_at(self, source: int, position: Float64) -> Float64:
+        """Wall profile of a reference as seen from another position, float64 (columns,), metres."""
+        dx, dy = position - self.references.positions[source]
+        return move_profile(self.profiles[source], float(dx), float(dy))
+
+    def table(self, source: int, position: Float64, profile: Float64, stride: int = 1) -> tuple[Float32, Float32]:
+        """Where the pixels of a view at a position lie in a reference, for ``cv2.remap`` on images padded by `MARGIN` columns.
+
+        Parameters
+        ----------
+        source : int
+            Index of the reference.
+        position : float64 (2,)
+            Metres, map frame.
+        profile : float64 (columns,)
+            Wall distances as seen from there.
+        stride : int
+            Every how many rows and columns; must divide the columns.
+
+        Returns
+        -------
+        map_x, map_y : float32 (ceil(rows / stride), columns / stride)
+        """
+        dx, dy = position - self.references.positions[source]
+        rays = self.rays
+        return warp_table(
+            np.ascontiguousarray(profile[::stride]),
+            np.ascontiguousarray(rays.tangents[::stride]),
+            np.ascontiguousarray(rays.floor[::stride]),
+            float(dx),
+            float(dy),
+            rays.top,
+            rays.row_step,
+            len(profile),
+            MARGIN,
+        )
+
+    def view(self, source: int, position: Float64, profile: Float64) -> Panorama:
+        """The image of a reference as seen from another position, heading 0 (parameters as in `table`)."""
+        map_x, map_y = self.table(source, position, profile)
+        pixels = cv2.remap(self._padded(source), map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        rows = pixels.shape[0]
+        seen = (map_y > -0.5) & (map_y < rows - 0.5)
+        if self.references.valid is not None:
+            valid = pad_circular(self.references.valid.astype(np.float32), MARGIN)
+            seen &= cv2.remap(valid, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) > 0.99
+        if seen.all():
+            return Panorama(pixels, None)
+        pixels *= seen
+        return Panorama(pixels, seen)
+
+
+def _padded(references: ReferencePanoramas, source: int) -> Float32:
+    """A reference as float32, continued across the seam: (rows, columns + 2 margins)."""
+    return pad_circular(references.pixels[source].astype(np.float32), MARGIN)

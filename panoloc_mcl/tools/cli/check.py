@@ -1,0 +1,97 @@
+"""``panoloc check``: everything that is wrong with a configuration and its data set, without running."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from panoloc_mcl.robot.errors import PanolocError
+from panoloc_mcl.tools.cli.command import Command, add_set_option, overrides_of
+
+if TYPE_CHECKING:
+    from panoloc_mcl.tools.config import Override, RunConfig
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """CONFIG, ``--set``."""
+    parser.add_argument("config", metavar="CONFIG", help="YAML file, such as configs/global.yaml")
+    add_set_option(parser)
+
+
+def execute(args: argparse.Namespace) -> int:
+    """Print every fault, one a line, or that there are none."""
+    faults = find_faults(args.config, overrides_of(args))
+    for fault in faults:
+        print(fault, file=sys.stderr)
+    if not faults:
+        print("no faults")
+    return 2 if faults else 0
+
+
+def find_faults(path: str, overrides: list[str | Override]) -> list[str]:
+    """Faults of a configuration, of its data set, and of the two together.
+
+    Raises
+    ------
+    ConfigError
+        A file that cannot be read at all.
+    """
+    from panoloc_mcl.robot.settings.validation import read_yaml
+    from panoloc_mcl.tools.config import dataset_in, load_config
+
+    if "scene" in read_yaml(Path(path)):
+        # By name: the laboratory stands above the tools.
+        laboratory = importlib.import_module("panoloc_mcl.laboratory.cli.simulate")
+        return list(laboratory.simulation_faults(Path(path), overrides))
+    config: RunConfig | None = None
+    faults: list[str] = []
+    try:
+        config = load_config(path, overrides)
+    except PanolocError as error:
+        faults += error.faults
+    dataset = dataset_in(path, overrides)
+    if dataset is None:
+        return faults
+    of_dataset = _dataset_faults(dataset)
+    if config is not None and not of_dataset:
+        faults += _faults_together(config)
+    return faults + of_dataset
+
+
+def _dataset_faults(name: str) -> list[str]:
+    from panoloc_mcl.tools.datasets import check_dataset, resolve_dataset
+
+    try:
+        return check_dataset(resolve_dataset(name))
+    except PanolocError as error:
+        return list(error.faults)
+
+
+def _faults_together(config: RunConfig) -> list[str]:
+    """What would stop a run before its first frame: sequences that are not there, a map or a start that does not fit."""
+    from panoloc_mcl.robot.map.panorama_map import PanoramaMap
+    from panoloc_mcl.tools.datasets import read_dataset, resolve_dataset
+    from panoloc_mcl.tools.runs.pipeline import check_task, make_tasks
+
+    faults: dict[str, None] = {}
+    panorama_map = None
+    try:
+        panorama_map = PanoramaMap.load(config.map) if config.map is not None else None
+    except PanolocError as error:
+        faults.update(dict.fromkeys(error.faults))
+    try:
+        tasks = make_tasks(read_dataset(resolve_dataset(config.dataset)), config)
+    except PanolocError as error:
+        return [*faults, *error.faults]
+    for task in tasks:
+        try:
+            check_task(task, panorama_map, config)
+        except PanolocError as error:
+            faults.update(dict.fromkeys(error.faults))
+    return list(faults)
+
+
+COMMAND = Command("check", "validate a configuration and its data set without running", add_arguments, execute)

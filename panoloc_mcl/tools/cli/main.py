@@ -1,0 +1,84 @@
+"""The entry point: which commands there are, and what becomes of errors."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import os
+import sys
+from collections.abc import Sequence
+
+from panoloc_mcl.robot.errors import PanolocError
+from panoloc_mcl.tools.cli.command import Command
+from panoloc_mcl.tools.cli.notices import plain_warnings
+from panoloc_mcl.tools.cli.parser import parse
+
+# In the order of ``panoloc --help``. By name, since the laboratory stands above the tools, and a robot may do without it.
+_COMMANDS = (
+    "tools.cli.demo",
+    "tools.cli.run",
+    "laboratory.cli.simulate",
+    "tools.cli.build_map",
+    "laboratory.cli.compare",
+    "tools.cli.evaluate",
+    "tools.cli.inspect",
+    "tools.cli.plot",
+    "tools.cli.check",
+    "tools.cli.warmup",
+)
+
+
+def commands() -> tuple[Command, ...]:
+    """All commands of the parts that are installed."""
+    wings = {wing for wing in ("tools", "laboratory") if importlib.util.find_spec(f"panoloc_mcl.{wing}")}
+    return tuple(
+        importlib.import_module(f"panoloc_mcl.{name}").COMMAND for name in _COMMANDS if name.partition(".")[0] in wings
+    )
+
+
+EXIT_FAULT = 2
+EXIT_INTERRUPTED = 130
+EXIT_BROKEN_PIPE = 141
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Without the program's name; the process's own otherwise.
+
+    Returns
+    -------
+    int
+        0; 2 after a known error, whose faults stand one a line on standard error; 130 after Ctrl-C. Whatever else is raised
+        is a bug and shows its traceback.
+    """
+    words = list(sys.argv[1:] if argv is None else argv)
+    args = parse(commands(), words)
+    args.command_line = ["panoloc", *words]
+    try:
+        with plain_warnings():
+            code: int = args.command.execute(args)
+        # Here, so that a closed pipe is noticed where it can be handled.
+        sys.stdout.flush()
+    except PanolocError as error:
+        if args.debug:
+            raise
+        for fault in error.faults:
+            print(fault, file=sys.stderr)
+        return EXIT_FAULT
+    except KeyboardInterrupt:
+        if args.debug:
+            raise
+        return EXIT_INTERRUPTED
+    except BrokenPipeError:
+        # Whoever read the output has enough of it; the interpreter must not try to flush it once more.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_BROKEN_PIPE
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

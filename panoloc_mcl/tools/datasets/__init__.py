@@ -1,0 +1,29 @@
+"""Data sets: reading, checking and writing them, and one that comes with the package."""
+
+from panoloc_mcl.robot.images import image_size, read_image, write_image
+from panoloc_mcl.robot.references import References, same_poses
+from panoloc_mcl.tools.datasets.check import check_dataset
+from panoloc_mcl.tools.datasets.dataset import Dataset, Sequence
+from panoloc_mcl.tools.datasets.embedded import EMBEDDED, resolve_dataset
+from panoloc_mcl.tools.datasets.reader import read_dataset
+from panoloc_mcl.tools.datasets.trajectory import Trajectory, read_tum, write_tum
+from panoloc_mcl.tools.datasets.writer import DatasetWriter, copy_dataset
+
+__all__ = [
+    "EMBEDDED",
+    "Dataset",
+    "DatasetWriter",
+    "References",
+    "Sequence",
+    "Trajectory",
+    "check_dataset",
+    "copy_dataset",
+    "image_size",
+    "read_dataset",
+    "read_image",
+    "read_tum",
+    "resolve_dataset",
+    "same_poses",
+    "write_image",
+    "write_tum",
+]

@@ -1,0 +1,64 @@
+"""The thorough check of a data set: everything the reader finds, and what only decoding and comparing can tell."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from panoloc_mcl.robot.errors import ImageError
+from panoloc_mcl.robot.images import read_image
+from panoloc_mcl.robot.references import References, same_poses
+from panoloc_mcl.tools.datasets.dataset import Sequence
+from panoloc_mcl.tools.datasets.reader import scan_dataset
+from panoloc_mcl.tools.datasets.trajectory import Trajectory
+
+_SLACK_S = 1.0  # frames may lie this far outside a trajectory
+
+
+def check_dataset(path: str | Path) -> list[str]:
+    """Check a data set and decode every image in it.
+
+    Parameters
+    ----------
+    path : str or Path
+        The folder.
+
+    Returns
+    -------
+    list of str
+        One line a fault: file, row or key, value and remedy. Empty for a good data set.
+    """
+    scan = scan_dataset(Path(path))
+    faults = list(scan.faults)
+    if scan.references is not None:
+        faults += _undecodable(scan.references)
+        faults += same_poses(scan.references)
+    for sequence in scan.sequences:
+        faults += _undecodable(sequence)
+        faults += _uncovered(sequence, sequence.odometry, "odometry.tum")
+        faults += _uncovered(sequence, sequence.groundtruth, "groundtruth.tum")
+    return faults
+
+
+def _undecodable(images: References | Sequence) -> list[str]:
+    faults: list[str] = []
+    for file in images.files:
+        try:
+            read_image(file)
+        except ImageError as error:
+            faults.extend(error.faults)
+    return faults
+
+
+def _uncovered(sequence: Sequence, trajectory: Trajectory | None, name: str) -> list[str]:
+    if trajectory is None:
+        return []
+    start, end = trajectory.times[0], trajectory.times[-1]
+    outside = int(np.count_nonzero((sequence.times < start - _SLACK_S) | (sequence.times > end + _SLACK_S)))
+    if not outside:
+        return []
+    return [
+        f"{sequence.path / name}: covers {start:.3f} to {end:.3f} s, but {outside} of {len(sequence)} frames "
+        f"({sequence.times[0]:.3f} to {sequence.times[-1]:.3f} s) lie outside; use one clock for both, or drop those frames"
+    ]

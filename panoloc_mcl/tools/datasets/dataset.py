@@ -1,0 +1,112 @@
+"""What a data set holds, whatever layout it was read from."""
+
+from __future__ import annotations
+
+import difflib
+import fnmatch
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from panoloc_mcl.robot.camera.spec import OmniCamera, PanoramaCamera
+from panoloc_mcl.robot.errors import DatasetError
+from panoloc_mcl.robot.references import References
+from panoloc_mcl.tools.datasets.trajectory import Trajectory
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Sequence:
+    """The images of one drive.
+
+    Parameters
+    ----------
+    name : str
+        The folder's name.
+    path : Path
+        The folder.
+    times : ndarray of float64, shape (n,)
+        Seconds, strictly increasing.
+    files : tuple of Path
+        One image a time.
+    camera : PanoramaCamera or OmniCamera
+    image_size : (int, int)
+        Width and height.
+    odometry : Trajectory or None
+        Poses in the odometry frame, with time stamps of their own.
+    groundtruth : Trajectory or None
+        True poses in the map frame.
+    """
+
+    name: str
+    path: Path
+    times: FloatArray
+    files: tuple[Path, ...]
+    camera: PanoramaCamera | OmniCamera
+    image_size: tuple[int, int]
+    odometry: Trajectory | None = None
+    groundtruth: Trajectory | None = None
+
+    def __len__(self) -> int:
+        return len(self.files)
+
+
+@dataclass(frozen=True, eq=False)
+class Dataset:
+    """References and sequences taken in one place.
+
+    Parameters
+    ----------
+    name, description, licence : str
+    path : Path
+        The folder.
+    camera : PanoramaCamera or OmniCamera
+        Of all images in folders without a camera of their own.
+    references : References
+    sequences : dict of str to Sequence
+        By name, sorted; may be empty.
+    """
+
+    name: str
+    path: Path
+    description: str
+    licence: str
+    camera: PanoramaCamera | OmniCamera
+    references: References
+    sequences: dict[str, Sequence] = field(default_factory=dict)
+
+    def select(self, patterns: str | Iterable[str]) -> list[Sequence]:
+        """Sequences by name.
+
+        Parameters
+        ----------
+        patterns : str or iterable of str
+            ``all``, or names or globs (``noon_*``); in the data set's order, none twice.
+
+        Raises
+        ------
+        DatasetError
+            A name or glob that fits no sequence, with the nearest names.
+        """
+        wanted = [patterns] if isinstance(patterns, str) else list(patterns)
+        chosen: set[str] = set()
+        faults = []
+        for pattern in wanted:
+            found = list(self.sequences) if pattern == "all" else fnmatch.filter(self.sequences, pattern)
+            if not found:
+                faults.append(f"{self.path}: sequences: '{pattern}' fits none{_suggest(pattern, list(self.sequences))}")
+            chosen.update(found)
+        if faults:
+            raise DatasetError(faults)
+        return [sequence for name, sequence in self.sequences.items() if name in chosen]
+
+
+def _suggest(name: str, known: list[str]) -> str:
+    close = difflib.get_close_matches(name, known, n=1)
+    if close:
+        return f"; did you mean '{close[0]}'?"
+    return f"; there are: {', '.join(known)}" if known else "; this data set has no sequences"

@@ -1,0 +1,40 @@
+"""Data sets that come with the package, and where a data set given by name or path lies."""
+
+from __future__ import annotations
+
+import difflib
+from pathlib import Path
+
+from panoloc_mcl.robot.errors import DatasetError
+
+#: Folders of the data sets in the package, by name.
+EMBEDDED: dict[str, Path] = {
+    "hall": Path(__file__).parent / "embedded_hall",  # made by: panoloc simulate configs/simulate_embedded.yaml
+}
+
+
+def resolve_dataset(name_or_path: str | Path) -> Path:
+    """The folder of a data set given by path, or by the name of an embedded one.
+
+    A folder of that name goes first only if it is a data set.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+
+    Raises
+    ------
+    DatasetError
+        Neither a folder nor a known name; with the nearest name.
+    """
+    path = Path(name_or_path).expanduser()
+    if (path / "dataset.yaml").is_file():
+        return path
+    embedded = EMBEDDED.get(str(name_or_path))
+    if embedded is not None:
+        return embedded
+    if path.is_dir():
+        return path
+    close = difflib.get_close_matches(str(name_or_path), EMBEDDED, n=1)
+    hint = f"did you mean '{close[0]}'?" if close else "check the path"
+    raise DatasetError(f"dataset = '{name_or_path}': neither a folder nor an embedded data set ({', '.join(EMBEDDED)}); {hint}")

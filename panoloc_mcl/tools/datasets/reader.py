@@ -1,0 +1,210 @@
+"""Reads a data set folder (layout ``panoloc-dataset/1``) and reports every fault in it at once."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from panoloc_mcl.robot.camera.spec import Camera, OmniCamera, PanoramaCamera, camera_from_mapping
+from panoloc_mcl.robot.camera.unwrap import Unwrapper, geometry_of
+from panoloc_mcl.robot.errors import CameraError, ConfigError, DatasetError, ImageError
+from panoloc_mcl.robot.images import image_size
+from panoloc_mcl.robot.references import References
+from panoloc_mcl.robot.settings.validation import StrictModel, read_yaml, validate
+from panoloc_mcl.tools.datasets.dataset import Dataset, Sequence
+from panoloc_mcl.tools.datasets.tables import read_image_table
+from panoloc_mcl.tools.datasets.trajectory import Trajectory, read_tum
+
+FORMAT = "panoloc-dataset/1"
+_MOST_FAULTS = 10
+
+
+class DatasetFile(StrictModel):
+    """The contents of ``dataset.yaml``."""
+
+    format: Literal["panoloc-dataset/1"]
+    name: Annotated[str, Field(min_length=1)]
+    description: str = ""
+    licence: str = ""
+    camera: Camera
+
+
+@dataclass
+class Scan:
+    """What could be read of a data set, and what could not.
+
+    Parameters
+    ----------
+    dataset : Dataset or None
+        None when ``dataset.yaml`` or the references are unusable; faulty sequences are left out of it.
+    faults : list of str
+        One line each; empty for a good data set.
+    references : References or None
+    sequences : list of Sequence
+        Those without faults.
+    """
+
+    dataset: Dataset | None = None
+    faults: list[str] = field(default_factory=list)
+    references: References | None = None
+    sequences: list[Sequence] = field(default_factory=list)
+
+
+def read_dataset(path: str | Path) -> Dataset:
+    """Read a data set; images are looked up and measured, not decoded.
+
+    Raises
+    ------
+    DatasetError
+        Every fault found, one line each.
+    """
+    scan = scan_dataset(Path(path))
+    if scan.faults or scan.dataset is None:
+        raise DatasetError(scan.faults)
+    return scan.dataset
+
+
+def scan_dataset(path: Path) -> Scan:
+    """Read as much of a data set as possible and collect the faults instead of raising them."""
+    scan = Scan()
+    if not path.is_dir():
+        scan.faults.append(f"{path}: no such folder; name a data set folder (one that holds dataset.yaml)")
+        return scan
+    info = _read_info(path / "dataset.yaml", scan.faults)
+    camera = info.camera if info is not None else None
+    # Folders that share the camera of dataset.yaml must share its image size, too.
+    shared: dict[str, tuple[Path, tuple[int, int]]] = {}
+    scan.references = _read_references(path / "references", camera, shared, scan.faults)
+    for folder in _sequence_folders(path / "sequences"):
+        sequence = _read_sequence(folder, camera, shared, scan.faults)
+        if sequence is not None:
+            scan.sequences.append(sequence)
+    if info is not None and scan.references is not None:
+        by_name = {sequence.name: sequence for sequence in scan.sequences}
+        scan.dataset = Dataset(info.name, path, info.description, info.licence, info.camera, scan.references, by_name)
+    return scan
+
+
+def _read_info(path: Path, faults: list[str]) -> DatasetFile | None:
+    try:
+        return validate(DatasetFile, read_yaml(path), str(path))
+    except ConfigError as error:
+        faults.extend(error.faults)
+        return None
+
+
+def _sequence_folders(path: Path) -> list[Path]:
+    if not path.is_dir():
+        return []
+    return sorted(folder for folder in path.iterdir() if folder.is_dir() and not folder.name.startswith("."))
+
+
+def _read_references(
+    folder: Path,
+    camera: PanoramaCamera | OmniCamera | None,
+    shared: dict[str, tuple[Path, tuple[int, int]]],
+    faults: list[str],
+) -> References | None:
+    if not folder.is_dir():
+        faults.append(f"{folder}: no such folder; add the reference images and their poses.csv")
+        return None
+    table = read_image_table(folder / "poses.csv", ("x", "y", "theta"), None, faults)
+    seen_by = _folder_camera(folder, camera, faults)
+    size = _common_size(folder, table.files, faults) if table is not None else None
+    if table is None or seen_by is None or size is None or not _fits(folder, seen_by, size, shared, faults):
+        return None
+    return References(folder, table.files, table.numbers, seen_by, size)
+
+
+def _read_sequence(
+    folder: Path,
+    camera: PanoramaCamera | OmniCamera | None,
+    shared: dict[str, tuple[Path, tuple[int, int]]],
+    faults: list[str],
+) -> Sequence | None:
+    before = len(faults)
+    table = read_image_table(folder / "frames.csv", ("timestamp",), "timestamp", faults)
+    odometry = _read_trajectory(folder / "odometry.tum", faults)
+    groundtruth = _read_trajectory(folder / "groundtruth.tum", faults)
+    seen_by = _folder_camera(folder, camera, faults)
+    size = _common_size(folder, table.files, faults, spared=True) if table is not None else None
+    if table is None or seen_by is None or size is None or not _fits(folder, seen_by, size, shared, faults):
+        return None
+    if len(faults) > before:
+        return None
+    times = table.numbers[:, 0].copy()
+    return Sequence(folder.name, folder, times, table.files, seen_by, size, odometry, groundtruth)
+
+
+def _read_trajectory(path: Path, faults: list[str]) -> Trajectory | None:
+    if not path.exists():
+        return None
+    try:
+        return read_tum(path)
+    except DatasetError as error:
+        faults.extend(error.faults)
+        return None
+
+
+def _folder_camera(
+    folder: Path, camera: PanoramaCamera | OmniCamera | None, faults: list[str]
+) -> PanoramaCamera | OmniCamera | None:
+    path = folder / "camera.yaml"
+    if not path.exists():
+        return camera
+    try:
+        return camera_from_mapping(read_yaml(path), str(path))
+    except (ConfigError, CameraError) as error:
+        faults.extend(error.faults)
+        return None
+
+
+def _common_size(folder: Path, files: tuple[Path, ...], faults: list[str], spared: bool = False) -> tuple[int, int] | None:
+    """Size of a folder's images; ``spared``: a damaged frame of a drive is met when its turn comes, and does not end the run."""
+    sizes: dict[Path, tuple[int, int]] = {}
+    damaged: list[str] = []
+    for file in files:
+        try:
+            sizes[file] = image_size(file)
+        except ImageError as error:
+            damaged.extend(error.faults)
+    found = list(damaged) if not (spared and sizes) else []
+    if sizes:
+        common = Counter(sizes.values()).most_common(1)[0][0]
+        for file, size in sizes.items():
+            if size != common:
+                found.append(
+                    f"{file}: {size[0]} x {size[1]} pixels where the other images of {folder} have "
+                    f"{common[0]} x {common[1]}; resize or drop it"
+                )
+    more = len(found) - _MOST_FAULTS
+    faults.extend(found[:_MOST_FAULTS] + ([f"{folder}: and {more} more images like these"] if more > 0 else []))
+    return common if sizes and not found else None
+
+
+def _fits(
+    folder: Path,
+    camera: PanoramaCamera | OmniCamera,
+    size: tuple[int, int],
+    shared: dict[str, tuple[Path, tuple[int, int]]],
+    faults: list[str],
+) -> bool:
+    """Whether the camera can have taken images of this size."""
+    if not (folder / "camera.yaml").exists():
+        other, other_size = shared.setdefault("size", (folder, size))
+        if other_size != size:
+            faults.append(
+                f"{folder}: images of {size[0]} x {size[1]} pixels where {other} has {other_size[0]} x {other_size[1]}, "
+                "with the same camera of dataset.yaml; add a camera.yaml that describes its own camera to this folder"
+            )
+            return False
+    try:
+        Unwrapper(camera, size, geometry_of(camera, size))
+    except CameraError as error:
+        faults.extend(f"{folder}: {fault}" for fault in error.faults)
+        return False
+    return True

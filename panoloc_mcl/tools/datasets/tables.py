@@ -1,0 +1,141 @@
+"""The CSV files of a data set: named columns, numbers checked, every fault with file and line."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+from numpy.typing import NDArray
+
+from panoloc_mcl.robot.files import write_atomically
+
+_MOST_FAULTS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class ImageTable:
+    """Images and the numbers that belong to them.
+
+    Parameters
+    ----------
+    files : tuple of Path
+        Paths of the images (folder of the table joined with the name in it).
+    numbers : ndarray of float64, shape (n, number of columns)
+        In the order asked for.
+    """
+
+    files: tuple[Path, ...]
+    numbers: NDArray[np.float64]
+
+
+def read_image_table(path: Path, columns: tuple[str, ...], rising: str | None, faults: list[str]) -> ImageTable | None:
+    """Read a CSV file with a column ``file`` and columns of numbers, in any order.
+
+    Parameters
+    ----------
+    path : Path
+    columns : tuple of str
+        The columns of numbers.
+    rising : str or None
+        A column that must strictly increase.
+    faults : list of str
+        Gets a line for every fault: missing file or column, unknown column, values that are no finite numbers, images that
+        do not exist or are named twice, values that do not increase.
+
+    Returns
+    -------
+    ImageTable or None
+        None when there were faults.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        faults.append(f"{path}: no such file; add it with the columns {', '.join(('file', *columns))}")
+        return None
+    except (OSError, UnicodeDecodeError) as error:
+        faults.append(f"{path}: cannot be read ({error}); check permissions and encoding (UTF-8)")
+        return None
+    reader = csv.reader(io.StringIO(text), skipinitialspace=True)
+    header = [name.strip() for name in next(reader, [])]
+    found = _header_faults(path, header, ("file", *columns))
+    if found:
+        faults.extend(found)
+        return None
+    place = {name: header.index(name) for name in header}
+    files: list[Path] = []
+    numbers: list[list[float]] = []
+    first_line: dict[str, int] = {}
+    last = -math.inf
+    for fields in reader:
+        where = f"{path}:{reader.line_num}"
+        if not any(value.strip() for value in fields):
+            continue
+        if len(fields) != len(header):
+            found.append(f"{where}: {len(fields)} values; must be {len(header)}: {','.join(header)}")
+            continue
+        row = [_number(fields[place[name]], name, where, found) for name in columns]
+        name = fields[place["file"]].strip()
+        _check_file(path.parent, name, where, first_line, reader.line_num, found)
+        files.append(path.parent / name)
+        numbers.append(row)
+        if rising is not None and math.isfinite(value := row[columns.index(rising)]):
+            if value <= last:
+                found.append(f"{where}: {rising} = {value:.9f} does not increase (before it {last:.9f}); sort, drop doubles")
+            last = max(last, value)
+    if not files and not found:
+        found.append(f"{path}: holds no rows; name at least one image")
+    if found:
+        more = len(found) - _MOST_FAULTS
+        faults.extend(found[:_MOST_FAULTS] + ([f"{path}: and {more} more faults like these"] if more > 0 else []))
+        return None
+    return ImageTable(tuple(files), np.asarray(numbers, dtype=np.float64))
+
+
+def write_image_table(path: Path, header: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> None:
+    """Write a CSV file atomically.
+
+    Raises
+    ------
+    DatasetError
+        The file cannot be written.
+    """
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(rows)
+    write_atomically(path, out.getvalue())
+
+
+def _header_faults(path: Path, header: list[str], needed: tuple[str, ...]) -> list[str]:
+    where, known = f"{path}:1", ",".join(needed)
+    faults = [f"{where}: column '{name}' is missing; the first line must name {known}" for name in needed if name not in header]
+    faults += [f"{where}: unknown column '{name}'; known: {known}" for name in header if name not in needed]
+    faults += [f"{where}: column '{name}' is given twice; keep one" for name in sorted(set(header)) if header.count(name) > 1]
+    return faults
+
+
+def _number(text: str, name: str, where: str, faults: list[str]) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        faults.append(f"{where}: {name} = '{text.strip()}' is not a number; mend or drop this row")
+        return math.nan
+    if not math.isfinite(value):
+        faults.append(f"{where}: {name} = {text.strip()} is not finite; mend or drop this row")
+    return value
+
+
+def _check_file(folder: Path, name: str, where: str, first_line: dict[str, int], line: int, faults: list[str]) -> None:
+    key = str(PurePosixPath(name))
+    if not name:
+        faults.append(f"{where}: file is empty; name the image")
+    elif key in first_line:
+        faults.append(f"{where}: file {name} is already in line {first_line[key]}; keep one of the two rows")
+    elif not (folder / name).is_file():
+        faults.append(f"{where}: file {name}: no such file in {folder}; add the image, or drop this row")
+    first_line.setdefault(key, line)

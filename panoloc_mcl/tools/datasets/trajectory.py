@@ -1,0 +1,147 @@
+"""Trajectories in the plane and their TUM files (``timestamp tx ty tz qx qy qz qw``)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from panoloc_mcl.robot.errors import DatasetError
+from panoloc_mcl.robot.files import write_atomically
+from panoloc_mcl.robot.geometry import interpolate_at, yaw_from_quaternion
+
+FloatArray = NDArray[np.float64]
+
+_HEADER = "# timestamp tx ty tz qx qy qz qw"
+_UNIT_TOLERANCE = 1e-3
+_MOST_FAULTS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Poses over time.
+
+    Parameters
+    ----------
+    times : ndarray of float64, shape (n,)
+        Seconds, strictly increasing; at least one.
+    poses : ndarray of float64, shape (n, 3)
+        ``(x, y, theta)``, metres and radians.
+
+    Raises
+    ------
+    DatasetError
+        Wrong shapes, values that are not finite, or times that do not increase.
+    """
+
+    times: FloatArray
+    poses: FloatArray
+
+    def __post_init__(self) -> None:
+        times = np.ascontiguousarray(self.times, dtype=np.float64)
+        poses = np.ascontiguousarray(self.poses, dtype=np.float64)
+        if times.ndim != 1 or len(times) == 0 or poses.shape != (len(times), 3):
+            raise DatasetError(f"trajectory: times {times.shape} and poses {poses.shape} must be (n,) and (n, 3), n >= 1")
+        if not (np.isfinite(times).all() and np.isfinite(poses).all()):
+            raise DatasetError("trajectory: holds values that are not finite; leave those rows out")
+        if np.any(np.diff(times) <= 0.0):
+            row = int(np.argmax(np.diff(times) <= 0.0)) + 1
+            raise DatasetError(f"trajectory: time {times[row]:.9f} of row {row} does not increase; sort and drop doubles")
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "poses", poses)
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def at(self, times: ArrayLike) -> FloatArray:
+        """Poses at given times (seconds, any shape), linear between rows; the ends hold outside. Shape (..., 3)."""
+        return interpolate_at(self.times, self.poses, times)
+
+
+def read_tum(path: Path) -> Trajectory:
+    """Read a TUM file; of the rotation only the turn about the vertical is kept.
+
+    Raises
+    ------
+    DatasetError
+        Every fault, one line each: missing file, wrong number of columns, values that are no finite numbers, quaternions
+        that are not of unit length, time stamps that do not increase, no poses at all.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise DatasetError(f"{path}: no such file; check the path") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise DatasetError(f"{path}: cannot be read ({error}); check permissions and encoding (UTF-8)") from error
+    rows: list[list[float]] = []
+    faults: list[str] = []
+    last = -math.inf
+    for number, line in enumerate(text.splitlines(), start=1):
+        fields = line.split("#", 1)[0].replace(",", " ").split()
+        if not fields:
+            continue
+        row = _parsed(fields, f"{path}:{number}", faults)
+        if row is None:
+            continue
+        if row[0] <= last:
+            faults.append(
+                f"{path}:{number}: timestamp {fields[0]} does not increase (before it {last:.9f}); sort, drop doubles"
+            )
+        last = max(last, row[0])
+        rows.append(row)
+    if not rows and not faults:
+        faults.append(f"{path}: holds no poses; needs lines 'timestamp tx ty tz qx qy qz qw'")
+    if faults:
+        more = len(faults) - _MOST_FAULTS
+        raise DatasetError(faults[:_MOST_FAULTS] + ([f"{path}: and {more} more faulty lines like these"] if more > 0 else []))
+    table = np.asarray(rows, dtype=np.float64)
+    norm = np.linalg.norm(table[:, 4:], axis=1, keepdims=True)
+    yaw = yaw_from_quaternion(*(table[:, 4:] / norm).T)
+    return Trajectory(table[:, 0], np.column_stack([table[:, 1:3], yaw]))
+
+
+def _parsed(fields: list[str], where: str, faults: list[str]) -> list[float] | None:
+    if len(fields) != 8:
+        faults.append(f"{where}: {len(fields)} columns; must be 8: timestamp tx ty tz qx qy qz qw")
+        return None
+    try:
+        row = [float(field) for field in fields]
+    except ValueError:
+        bad = next(field for field in fields if not _is_number(field))
+        faults.append(f"{where}: '{bad}' is not a number; mend or drop this line")
+        return None
+    if not all(math.isfinite(value) for value in row):
+        bad = next(field for field, value in zip(fields, row, strict=True) if not math.isfinite(value))
+        faults.append(f"{where}: value {bad} is not finite; drop this line")
+        return None
+    norm = math.sqrt(sum(value * value for value in row[4:]))
+    if abs(norm - 1.0) > _UNIT_TOLERANCE:
+        faults.append(f"{where}: quaternion has length {norm:.6g}; must be 1: normalise it, order qx qy qz qw")
+        return None
+    return row
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def write_tum(path: Path, trajectory: Trajectory) -> None:
+    """Write a TUM file, z = 0, nine decimals (twelve for the quaternion); atomically.
+
+    Raises
+    ------
+    DatasetError
+        The file cannot be written.
+    """
+    half = 0.5 * trajectory.poses[:, 2]
+    lines = [_HEADER]
+    for time, (x, y, _), qz, qw in zip(trajectory.times, trajectory.poses, np.sin(half), np.cos(half), strict=True):
+        lines.append(f"{time:.9f} {x:.9f} {y:.9f} 0.000000000 0.000000000 0.000000000 {qz:.12f} {qw:.12f}")
+    write_atomically(path, "\n".join(lines) + "\n")

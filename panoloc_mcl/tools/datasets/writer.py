@@ -1,0 +1,186 @@
+"""Writes data sets in the layout that the reader reads."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterable
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from panoloc_mcl.robot.camera.spec import OmniCamera, PanoramaCamera, to_mapping
+from panoloc_mcl.robot.errors import DatasetError
+from panoloc_mcl.robot.files import write_atomically
+from panoloc_mcl.robot.images import Image, write_image
+from panoloc_mcl.robot.settings.validation import dump_yaml
+from panoloc_mcl.tools.datasets.dataset import Dataset
+from panoloc_mcl.tools.datasets.reader import FORMAT
+from panoloc_mcl.tools.datasets.tables import write_image_table
+from panoloc_mcl.tools.datasets.trajectory import Trajectory, write_tum
+
+
+class DatasetWriter:
+    """Writes a data set folder piece by piece; every file appears whole or not at all.
+
+    ``dataset.yaml`` is written by :meth:`finish`, last of all, so that an interrupted write is not taken for a data set.
+
+    Parameters
+    ----------
+    path : Path
+        A folder that does not exist yet, or is empty.
+    name, description, licence : str
+    camera : PanoramaCamera or OmniCamera
+        Of all images in folders that get no camera of their own.
+    resume : bool
+        Go on in a folder that an earlier writer was stopped in.
+
+    Raises
+    ------
+    DatasetError
+        The folder already holds something.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        name: str,
+        camera: PanoramaCamera | OmniCamera,
+        description: str = "",
+        licence: str = "",
+        resume: bool = False,
+    ) -> None:
+        if not resume and path.exists() and (not path.is_dir() or any(path.iterdir())):
+            raise DatasetError(f"{path}: already exists and is not empty; choose another folder or remove it")
+        self.path, self.name, self.camera = path, name, camera
+        self.description, self.licence = description, licence
+
+    def add_references(
+        self,
+        images: Iterable[Image | None],
+        poses: ArrayLike,
+        camera: PanoramaCamera | OmniCamera | None = None,
+        names: Iterable[str] | None = None,
+    ) -> None:
+        """Write the reference images and ``poses.csv``.
+
+        Parameters
+        ----------
+        images : iterable of ndarray or None
+            8- or 16-bit, grey, BGR or BGRA; consumed one by one. None: the file is there already.
+        poses : array_like of float, shape (n, 3)
+        camera : PanoramaCamera or OmniCamera, optional
+            When it is another than the data set's.
+        names : iterable of str, optional
+            File names, PNG or JPEG by their ending; ``ref_000.png`` and so on if left out.
+
+        Raises
+        ------
+        DatasetError, ImageError
+            Files that cannot be written, or another number of images than poses.
+        """
+        table = np.asarray(poses, dtype=np.float64)
+        files = list(names) if names is not None else [f"ref_{index:03d}.png" for index in range(len(table))]
+        folder = self.path / "references"
+        self._write_images(folder, files, images, len(table))
+        rows = [(file, *(repr(float(value)) for value in pose)) for file, pose in zip(files, table, strict=True)]
+        write_image_table(folder / "poses.csv", ("file", "x", "y", "theta"), rows)
+        _write_camera(folder, camera, self.camera)
+
+    def add_sequence(
+        self,
+        name: str,
+        times: ArrayLike,
+        images: Iterable[Image | None],
+        odometry: Trajectory | None = None,
+        groundtruth: Trajectory | None = None,
+        camera: PanoramaCamera | OmniCamera | None = None,
+        names: Iterable[str] | None = None,
+    ) -> None:
+        """Write one sequence; parameters as in :meth:`add_references`, times in seconds, shape (n,).
+
+        Raises
+        ------
+        DatasetError, ImageError
+            Files that cannot be written, or another number of images than times.
+        """
+        if not name or PurePosixPath(name).name != name or name.startswith("."):
+            raise DatasetError(f"{self.path}: sequence name '{name}' is no folder name; use letters, digits and underscores")
+        stamps = np.asarray(times, dtype=np.float64)
+        files = list(names) if names is not None else [f"images/f{index:03d}.png" for index in range(len(stamps))]
+        folder = self.path / "sequences" / name
+        self._write_images(folder, files, images, len(stamps))
+        rows = [(f"{time:.9f}", file) for time, file in zip(stamps, files, strict=True)]
+        if odometry is not None:
+            write_tum(folder / "odometry.tum", odometry)
+        if groundtruth is not None:
+            write_tum(folder / "groundtruth.tum", groundtruth)
+        _write_camera(folder, camera, self.camera)
+        write_image_table(folder / "frames.csv", ("timestamp", "file"), rows)
+
+    def finish(self) -> Path:
+        """Write ``dataset.yaml`` and return the folder."""
+        data = {
+            "format": FORMAT,
+            "name": self.name,
+            "description": self.description,
+            "licence": self.licence,
+            "camera": to_mapping(self.camera),
+        }
+        write_atomically(self.path / "dataset.yaml", dump_yaml(data))
+        return self.path
+
+    def _write_images(self, folder: Path, files: list[str], images: Iterable[Image | None], count: int) -> None:
+        written = 0
+        for written, image in enumerate(images, start=1):
+            if written > min(count, len(files)):
+                break
+            if image is not None:
+                write_image(folder / files[written - 1], image)
+        if not written == count == len(files):
+            raise DatasetError(f"{folder}: {written} images, {len(files)} file names and {count} rows; must be as many of each")
+
+
+def copy_dataset(dataset: Dataset, path: Path) -> Path:
+    """Write a data set that was read, from whatever layout, into a folder of this layout; image files are copied as they are.
+
+    Raises
+    ------
+    DatasetError
+        The folder is not empty, or a file cannot be written.
+    """
+    writer = DatasetWriter(path, dataset.name, dataset.camera, dataset.description, dataset.licence)
+    references = dataset.references
+    names = _copy_images(references.path, references.files, path / "references")
+    rows = [(name, *(repr(float(v)) for v in pose)) for name, pose in zip(names, references.poses, strict=True)]
+    write_image_table(path / "references" / "poses.csv", ("file", "x", "y", "theta"), rows)
+    _write_camera(path / "references", references.camera, dataset.camera)
+    for sequence in dataset.sequences.values():
+        folder = path / "sequences" / sequence.name
+        names = _copy_images(sequence.path, sequence.files, folder)
+        for file, trajectory in (("odometry.tum", sequence.odometry), ("groundtruth.tum", sequence.groundtruth)):
+            if trajectory is not None:
+                write_tum(folder / file, trajectory)
+        _write_camera(folder, sequence.camera, dataset.camera)
+        stamps = [(f"{time:.9f}", name) for time, name in zip(sequence.times, names, strict=True)]
+        write_image_table(folder / "frames.csv", ("timestamp", "file"), stamps)
+    return writer.finish()
+
+
+def _write_camera(folder: Path, camera: PanoramaCamera | OmniCamera | None, common: PanoramaCamera | OmniCamera) -> None:
+    if camera is not None and camera != common:
+        write_atomically(folder / "camera.yaml", dump_yaml(to_mapping(camera)))
+
+
+def _copy_images(source: Path, files: tuple[Path, ...], folder: Path) -> list[str]:
+    names = []
+    for index, file in enumerate(files):
+        inside = file.is_relative_to(source) and ".." not in file.parts
+        name = file.relative_to(source).as_posix() if inside else f"images/{index:05d}_{file.name}"
+        try:
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(file, folder / name)
+        except OSError as error:
+            raise DatasetError(f"{folder / name}: cannot be written ({error.strerror}); check space and rights") from error
+        names.append(name)
+    return names

@@ -1,0 +1,67 @@
+"""Maps that runs built, kept under the hash of everything they depend on."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import warnings
+
+from panoloc_mcl.robot.camera import to_mapping
+from panoloc_mcl.robot.errors import ImageError, MapError, OutputError
+from panoloc_mcl.robot.files import cache_folder
+from panoloc_mcl.robot.map.panorama_map import FORMAT, PanoramaMap
+from panoloc_mcl.robot.observation import build_settings, model_named
+from panoloc_mcl.robot.progress import Progress, no_progress
+from panoloc_mcl.robot.settings.config import ObservationSettings
+from panoloc_mcl.tools.datasets import Dataset
+
+# Counts up whenever the same settings give another map.
+_REVISION = 17
+
+
+def cached_map(dataset: Dataset, observation: ObservationSettings, seed: int, progress: Progress = no_progress) -> PanoramaMap:
+    """The map of a data set: from the cache if it was built before, else built and kept.
+
+    A cache that cannot be written costs a warning and the time to build, never the run.
+
+    Raises
+    ------
+    MapError, DatasetError, ImageError
+        As `PanoramaMap.build`.
+    """
+    # The name only helps people; it is free text and must not lead out of the folder.
+    readable = re.sub(r"[^A-Za-z0-9_-]+", "_", dataset.name)[:40]
+    path = cache_folder() / "maps" / f"{readable}-{_key(dataset, observation, seed)}.panomap"
+    if path.is_file():
+        try:
+            return PanoramaMap.load(path)
+        except MapError as error:
+            warnings.warn(f"cached map left aside: {error}", RuntimeWarning, stacklevel=2)
+    built = PanoramaMap.build(dataset, observation, seed, progress)
+    try:
+        built.save(path)
+    except OutputError as error:
+        warnings.warn(f"map not kept for the next run: {error}", RuntimeWarning, stacklevel=2)
+    return built
+
+
+def _key(dataset: Dataset, observation: ObservationSettings, seed: int) -> str:
+    references = dataset.references
+    digest = hashlib.sha256()
+    description = {
+        "format": FORMAT,
+        "revision": _REVISION,
+        "camera": to_mapping(references.camera),
+        "poses": references.poses.tolist(),
+        "files": [file.name for file in references.files],
+        **build_settings(observation),
+        "seed": seed if model_named(observation.model).draws else 0,
+    }
+    digest.update(json.dumps(description, sort_keys=True).encode())
+    for file in references.files:
+        try:
+            digest.update(hashlib.sha256(file.read_bytes()).digest())
+        except OSError as error:
+            raise ImageError(f"{file}: cannot be read ({error.strerror}); check the path and permissions") from error
+    return digest.hexdigest()[:24]

@@ -1,0 +1,337 @@
+"""One run: data set, map, localizer over every sequence, figures, results folder."""
+
+from __future__ import annotations
+
+import os
+import platform
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from panoloc_mcl.robot.errors import CameraError, ConfigError, DatasetError, ImageError, MapError
+from panoloc_mcl.robot.filters import Estimate
+from panoloc_mcl.robot.localizer import Localizer
+from panoloc_mcl.robot.map.panorama_map import PanoramaMap
+from panoloc_mcl.robot.observation import ObservationModel
+from panoloc_mcl.tools.config import RunConfig
+from panoloc_mcl.tools.datasets import Dataset, read_dataset, read_image, resolve_dataset
+from panoloc_mcl.tools.datasets import Sequence as Drive
+from panoloc_mcl.tools.datasets.splice import splice
+from panoloc_mcl.tools.evaluation import SequenceRecord, evaluate
+from panoloc_mcl.tools.report import FrameRecorder, ResultsWriter, render_report, render_summary
+from panoloc_mcl.tools.report.sinks import Departure, Frame, NullSink, Scene, Sink, Sinks
+from panoloc_mcl.tools.runs.map_cache import cached_map
+
+
+class Monitor(Protocol):
+    """Is told how far a run has come."""
+
+    def progress(self, done: int, total: int, what: str) -> None:
+        """``done`` of ``total`` steps of ``what`` are over."""
+
+    def notice(self, text: str) -> None:
+        """Something that the user should read, but that stops nothing."""
+
+
+class SilentMonitor:
+    """Tells nobody."""
+
+    def progress(self, done: int, total: int, what: str) -> None:
+        """Ignore it."""
+
+    def notice(self, text: str) -> None:
+        """Ignore it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """One drive, and where on it the robot was teleported: bool (frames,)."""
+
+    drive: Drive
+    kidnapped: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What a finished run gave: its figures and its folder."""
+
+    metrics: dict[str, Any]
+    folder: Path
+
+
+class ProgressSink(NullSink):
+    """Tells a monitor how many images are done.
+
+    Parameters
+    ----------
+    monitor : Monitor
+    """
+
+    def __init__(self, monitor: Monitor) -> None:
+        self._monitor = monitor
+        self._images: tuple[int, ...] = ()
+        self._ended = 0
+
+    def open(self, scene: Scene) -> None:
+        """Find out how many there are."""
+        self._images = scene.images
+
+    def take(self, frame: Frame) -> None:
+        """Count an image, and those before it that gave no answer."""
+        self._tell(sum(self._images[: self._ended]) + min(frame.index + 1, self._images[self._ended] - 1))
+
+    def end(self, record: SequenceRecord) -> None:
+        """Count the images after the last answer."""
+        self._ended += 1
+        self._tell(sum(self._images[: self._ended]))
+
+    def _tell(self, done: int) -> None:
+        self._monitor.progress(done, sum(self._images), "images")
+
+
+def run(config: RunConfig, command: Sequence[str] = (), monitor: Monitor | None = None, sinks: Sequence[Sink] = ()) -> Outcome:
+    """Localize over the sequences of a data set and write a results folder.
+
+    Parameters
+    ----------
+    config : RunConfig
+    command : sequence of str
+        The command line, to be noted in ``run.json``.
+    monitor : Monitor, optional
+    sinks : sequence of Sink, optional
+        Who else watches.
+
+    Raises
+    ------
+    PanolocError
+        Anything that the user can mend; nothing half-written is left that a reader could take for whole.
+    """
+    monitor = monitor or SilentMonitor()
+    dataset = read_dataset(resolve_dataset(config.dataset))
+    tasks = make_tasks(dataset, config)
+    panorama_map = find_map(dataset, config, monitor)
+    model = panorama_map.observation_model(config.observation)
+    for note in panorama_map.notes:
+        monitor.notice(f"map: {note}")
+    for task in tasks:
+        check_task(task, panorama_map, config)
+        if task.drive.odometry is None:
+            monitor.notice(f"sequence {task.drive.name}: has no odometry, runs on images only")
+    writer = ResultsWriter(config.out, config.name, datetime.now())
+    info = run_info(config, dataset, command)
+    writer.write_config(config.model_dump(mode="json"))
+    writer.write_run_info(info)
+    writer.write_places(panorama_map.references.names, panorama_map.references.positions)
+    sink = Sinks([FrameRecorder(writer.path), ProgressSink(monitor), *sinks])
+    trips = [(task, repeat) for task in tasks for repeat in range(config.runs)]
+    records = []
+    try:
+        sink.open(Scene(panorama_map.name, panorama_map.references, model.places, tuple(len(task.drive) for task, _ in trips)))
+        for task, repeat in trips:
+            record, steps, skipped = localize(task, repeat, panorama_map, model, config, sink)
+            if skipped:
+                monitor.notice(f"sequence {record.name}: {skipped} of {len(task.drive)} images skipped; steps.csv says why")
+            records.append(writer.write_run(record, steps))
+    finally:
+        sink.close()
+    metrics = evaluate(records, panorama_map.references.positions)
+    folder = writer.finish(
+        metrics,
+        summary=render_summary(metrics, info),
+        report=render_report(
+            metrics, info, records, panorama_map.references.positions, writer.path, panorama_map.references.names
+        ),
+    )
+    return Outcome(metrics, folder)
+
+
+def make_tasks(dataset: Dataset, config: RunConfig) -> list[Task]:
+    """The drives of a run: the selected sequences as they are, or spliced where the robot is kidnapped."""
+    selected = dataset.select(config.sequences)
+    if not selected:
+        raise DatasetError(f"{dataset.path}: has no sequences to run over; add some under sequences/")
+    if config.kidnap.every_frames == 0:
+        return [Task(drive, np.zeros(len(drive), dtype=np.bool_)) for drive in selected]
+    rng = np.random.default_rng((config.seed, zlib.crc32(b"kidnap")))
+    return [Task(drive, kidnapped) for drive, kidnapped in splice(selected, config.kidnap.every_frames, rng)]
+
+
+def find_map(dataset: Dataset, config: RunConfig, monitor: Monitor) -> PanoramaMap:
+    """The map that the configuration names, or that of the data set's references."""
+    if config.map is not None:
+        return PanoramaMap.load(config.map)
+    return cached_map(dataset, config.observation, config.seed, monitor.progress)
+
+
+def check_task(task: Task, panorama_map: PanoramaMap | None, config: RunConfig) -> None:
+    """Find out before the first frame what would stop the run at a later one.
+
+    Raises
+    ------
+    MapError
+        The map, if there is one, does not fit the drive's camera.
+    ConfigError
+        The start is to be known, but the drive has no ground truth.
+    """
+    drive = task.drive
+    if panorama_map is not None:
+        try:
+            panorama_map.unwrapper(drive.camera, drive.image_size)
+        except CameraError as error:
+            whose = f"map '{panorama_map.name}': does not fit the camera of {drive.path}"
+            raise MapError(f"{whose}: {fault}" for fault in error.faults) from error
+    if drive.groundtruth is None and config.localizer.initial in ("known_heading", "known_pose"):
+        raise ConfigError(
+            f"localizer.initial = {config.localizer.initial}: sequence {drive.name} has no ground truth to start from; "
+            "use uniform or a mapping x, y, heading_deg"
+        )
+
+
+def localize(
+    task: Task,
+    repeat: int,
+    panorama_map: PanoramaMap,
+    model: ObservationModel,
+    config: RunConfig,
+    sink: Sink | None = None,
+) -> tuple[SequenceRecord, list[dict[str, Any]], int]:
+    """Run the localizer over one drive, watched by a sink.
+
+    Returns
+    -------
+    record : SequenceRecord
+        One row a frame that was answered.
+    steps : list of dict
+        The rows of ``steps.csv``.
+    skipped : int
+        Images that could not be used.
+    """
+    drive, sink = task.drive, sink or NullSink()
+    start_pose = None
+    if drive.groundtruth is not None:
+        x, y, heading = (float(value) for value in drive.groundtruth.at(drive.times[0]))
+        start_pose = (x, y, heading)
+    localizer = Localizer(
+        panorama_map,
+        config,
+        camera=drive.camera,
+        image_size=drive.image_size,
+        start_pose=start_pose,
+        # By name, so that a sequence gives the same result whichever others are run with it.
+        seed=(config.seed + repeat, zlib.crc32(drive.name.encode())),
+        model=model,
+    )
+    truth = None if drive.groundtruth is None else drive.groundtruth.at(drive.times)
+    unwrapper = panorama_map.unwrapper(drive.camera, drive.image_size)
+    frames: list[int] = []
+    estimates: list[Estimate] = []
+    steps = []
+    sink.begin(Departure(drive.name, repeat, *localizer.particles))
+    for index, estimate in answers(localizer, drive):
+        shown = None if truth is None else truth[index]
+        sink.take(Frame(len(frames), index, drive.files[index], unwrapper, estimate, *localizer.particles, shown))
+        frames.append(index)
+        steps.append(step_row(estimate))
+        # A vote field takes a megabyte; a long drive has thousands.
+        estimates.append(replace(estimate, vote_field=None))
+    times = drive.times[frames]
+    record = SequenceRecord(
+        name=drive.name,
+        run=repeat,
+        times=times,
+        poses=np.array([estimate.pose for estimate in estimates]),
+        truth=None if truth is None else truth[frames],
+        status=tuple(estimate.status.value for estimate in estimates),
+        best_place=np.array([estimate.best_place for estimate in estimates]),
+        step_ms=np.array([sum(estimate.stage_ms.values()) for estimate in estimates]),
+        kidnapped=_carried_over(task.kidnapped, frames),
+    )
+    sink.end(record)
+    return record, steps, localizer.images_skipped
+
+
+def answers(localizer: Localizer, drive: Drive) -> Iterator[tuple[int, Estimate]]:
+    """Feed a drive to a localizer in the order of time; yields frame indices with their estimates.
+
+    An image takes longer to arrive than an odometry measurement: it comes after the first measurement that is not older, so that the
+    motion up to it is known and not extrapolated.
+    """
+    odometry = drive.odometry
+    pending = 0
+    for index, (timestamp, file) in enumerate(zip(drive.times, drive.files, strict=True)):
+        while odometry is not None and pending < len(odometry) and (pending == 0 or odometry.times[pending - 1] < timestamp):
+            localizer.add_odometry(float(odometry.times[pending]), odometry.poses[pending])
+            pending += 1
+        try:
+            image: NDArray[Any] = read_image(file)
+        except ImageError:
+            # A frame that cannot be decoded is a bad frame like any other: skipped, counted, and named in the status.
+            image = np.empty((0, 0), dtype=np.uint8)
+        estimate = localizer.add_image(float(timestamp), image)
+        if estimate is not None:
+            yield index, replace(estimate, timestamp=float(timestamp))
+
+
+def step_row(estimate: Estimate) -> dict[str, Any]:
+    """One row of ``steps.csv``."""
+    state, best = estimate.state, estimate.clusters[0]
+    votes = estimate.vote_field
+    return {
+        "timestamp": estimate.timestamp,
+        "status": estimate.status.value,
+        "message": estimate.message,
+        "particles": state.particle_count,
+        "n_eff": state.effective_count,
+        "spread_m": best.spread_m,
+        "spread_deg": best.spread_deg,
+        "best_place": state.best_place,
+        "best_place_votes": state.best_place_votes,
+        "margin": votes.peak.margin if votes is not None and votes.informative else None,
+        "resampled": state.resampled,
+        "injected": state.injected,
+        **{f"ms_{stage}": spent for stage, spent in estimate.stage_ms.items()},
+    }
+
+
+def run_info(config: RunConfig, dataset: Dataset, command: Sequence[str]) -> dict[str, Any]:
+    """What ``run.json`` says of how a run came about."""
+    return {
+        "name": config.name,
+        "dataset": dataset.name,
+        "mode": config.localizer.mode,
+        "model": config.observation.model,
+        "initial": config.model_dump(mode="json")["localizer"]["initial"],
+        "seed": config.seed,
+        "runs": config.runs,
+        "sequences": config.sequences,
+        "kidnap_every_frames": config.kidnap.every_frames or None,
+        "command": list(command),
+        "started": datetime.now().isoformat(timespec="seconds"),
+        "machine": {"system": platform.system(), "processor": platform.machine(), "cores": os.cpu_count()},
+        "threads": int(os.environ.get("NUMBA_NUM_THREADS", os.cpu_count() or 1)),
+        "versions": {"python": platform.python_version()} | {name: _version(name) for name in _REPORTED},
+    }
+
+
+_REPORTED = ("panoloc-mcl", "numpy", "scipy", "numba", "opencv-python-headless")
+
+
+def _version(distribution: str) -> str:
+    try:
+        return version(distribution)
+    except PackageNotFoundError:
+        return "not installed"
+
+
+def _carried_over(kidnapped: NDArray[np.bool_], frames: list[int]) -> NDArray[np.bool_]:
+    """Teleports at frames that gave no answer count at the next one that did."""
+    count_before = np.concatenate([[0], np.cumsum(kidnapped)])
+    upto = count_before[np.array(frames) + 1]
+    return np.concatenate([[False], np.diff(upto) > 0])

@@ -1,0 +1,176 @@
+"""What held-out references teach, on a scripted model and on a map of a bare room."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import minimize
+
+from panoloc_mcl.robot.camera import Panorama, PanoramaGeometry
+from panoloc_mcl.robot.measurement import Agreement, PoseMeasurement
+from panoloc_mcl.robot.observation import calibration
+from panoloc_mcl.robot.observation.calibration import Calibration, calibrate, evidence
+from panoloc_mcl.robot.observation.field import VoteField
+from panoloc_mcl.robot.observation.places import Places
+from panoloc_mcl.robot.references import ReferencePanoramas
+
+PLACES = Places(np.array([[x, y] for x in np.arange(0.0, 4.0, 0.25) for y in np.arange(0.0, 1.1, 0.25)]))
+
+
+def references(count: int = 8) -> ReferencePanoramas:
+    rng = np.random.default_rng(0)
+    pixels = rng.integers(30, 200, (count, 24, 40), dtype=np.uint8)
+    positions = np.array([[0.5 * index, 0.5] for index in range(count)])
+    names = tuple(f"{index}.png" for index in range(count))
+    return ReferencePanoramas(pixels, None, positions, names, PanoramaGeometry(40, 24, -50.0, 25.0), 0.6)
+
+
+@dataclass
+class Oracle:
+    """Knows upright images of its reference, and finds them at the true heading; others it puts anywhere, with few votes."""
+
+    known: ReferencePanoramas
+    index: int
+    shortfall: float = 0.0
+
+    def observe(self, panorama) -> VoteField:
+        rng = np.random.default_rng(int(panorama.pixels.sum()))
+        columns = panorama.pixels.shape[1]
+        votes = rng.uniform(0.0, 0.05, (columns, len(PLACES))).astype(np.float32)
+        own = self.known.pixels[self.index].astype(np.float32)
+        shifts = [np.mean(np.abs(np.roll(own, -shift, axis=1) - panorama.pixels)) for shift in range(columns)]
+        # Corrupted or not, the right shift differs least; upside down, none does.
+        clear = np.median(shifts) - np.min(shifts) > 5.0
+        heading = -2.0 * np.pi * int(np.argmin(shifts)) / columns
+        pose = np.array([*self.known.positions[self.index], heading]) if clear else np.array([3.9, 0.9, 0.0])
+        place = int(PLACES.nearest(pose[None, :2])[0])
+        row = round(heading * columns / (2.0 * np.pi)) % columns
+        votes[row, place] = 0.8 if clear else 0.06
+        if clear and self.shortfall:
+            # A place beside it has more.
+            votes[row, place + 1] = votes[row, place] / (1.0 - self.shortfall)
+        sectors = rng.normal(0.8 if clear else 0.05, 0.05, 24)
+        measurement = PoseMeasurement(pose, np.eye(3) * 1e-4, np.zeros(2), Agreement(float(sectors.mean()), sectors))
+        return VoteField(votes, 2.0 * np.pi * np.arange(columns) / columns, PLACES, 0.1, measurement=measurement)
+
+
+@pytest.fixture(scope="module")
+def learnt() -> Calibration:
+    known = references()
+    found = calibrate(lambda index: Oracle(known, index), known, 8)
+    assert found is not None
+    return found
+
+
+def test_right_and_wrong_poses_are_told_apart(learnt: Calibration) -> None:
+    known = references()
+    true = Oracle(known, 3).observe(Panorama(known.pixels[3].astype(np.float32)))
+    foreign = Oracle(known, 3).observe(Panorama(np.random.default_rng(9).uniform(30, 200, (24, 40)).astype(np.float32)))
+    assert learnt.confidence(true) > 0.9
+    assert learnt.confidence(foreign) < 0.2
+    assert learnt.images == 8 * (len(calibration.CONDITIONS) + len(calibration.NOWHERE))
+    assert learnt.ece < 0.15
+    assert learnt.log_loss < 0.25
+
+
+@pytest.mark.parametrize("shortfall", [0.0, 0.2])
+def test_the_tolerance_is_what_the_true_pose_falls_short(shortfall: float) -> None:
+    known = references()
+    found = calibrate(lambda index: Oracle(known, index, shortfall), known, 8)
+    assert found is not None
+    assert found.tolerance == pytest.approx(shortfall, abs=0.03)
+
+
+def test_threads_change_nothing(learnt: Calibration) -> None:
+    known = references()
+    again = calibrate(lambda index: Oracle(known, index), known, 8, threads=3)
+    assert again is not None
+    assert np.array_equal(again.array(), learnt.array())
+
+
+def test_a_map_file_keeps_all_of_it(learnt: Calibration) -> None:
+    restored = Calibration.of_array(learnt.array())
+    assert np.array_equal(restored.array(), learnt.array())
+    assert restored.images == learnt.images
+
+
+@pytest.mark.parametrize("most", [0, 1])
+def test_without_held_out_references_nothing_is_learnt(most: int) -> None:
+    known = references()
+    assert calibrate(lambda index: Oracle(known, index), known, most) is None
+
+
+def test_a_single_reference_teaches_nothing() -> None:
+    known = references(1)
+    assert calibrate(lambda index: Oracle(known, index), known, 8) is None
+
+
+def test_evidence_is_finite_for_fields_of_any_kind() -> None:
+    for votes in (np.zeros((6, len(PLACES))), np.ones((6, len(PLACES)))):
+        field = VoteField(votes.astype(np.float32), 2.0 * np.pi * np.arange(6) / 6, PLACES, 0.1)
+        assert np.isfinite(evidence(field)).all()
+        nothing = PoseMeasurement(np.zeros(3), np.eye(3), np.zeros(2), Agreement(-1.0, np.full(24, np.nan)))
+        assert np.isfinite(evidence(field.with_measurement(nothing))).all()
+
+
+@given(st.lists(st.tuples(st.floats(0.0, 1.0), st.booleans()), min_size=1, max_size=60))
+def test_calibration_error_agrees_with_its_definition(pairs: list[tuple[float, bool]]) -> None:
+    probabilities, right = np.array([p for p, _ in pairs]), np.array([r for _, r in pairs])
+    expected = 0.0
+    for low in range(10):
+        inside = [(p, r) for p, r in pairs if min(int(p * 10), 9) == low]
+        if inside:
+            gap = abs(np.mean([p for p, _ in inside]) - np.mean([r for _, r in inside]))
+            expected += gap * len(inside) / len(pairs)
+    assert calibration.expected_calibration_error(probabilities, right) == pytest.approx(expected, abs=1e-12)
+
+
+def test_log_loss_of_certain_and_of_blind_predictions() -> None:
+    right = np.array([True, False])
+    assert calibration.log_loss(np.array([1.0, 0.0]), right) == pytest.approx(0.0, abs=1e-9)
+    assert calibration.log_loss(np.array([0.5, 0.5]), right) == pytest.approx(np.log(2.0))
+    assert np.isfinite(calibration.log_loss(np.array([0.0, 1.0]), right))
+
+
+def test_the_regression_minimises_its_loss() -> None:
+    rng = np.random.default_rng(4)
+    seen = rng.normal(0.0, [1.0, 5.0, 0.1], (80, 3))
+    right = seen @ [1.0, 0.2, 0.0] + rng.normal(0.0, 1.0, 80) > -0.5
+    found = calibration._fitted(seen, right)
+    spread = seen.std(axis=0)
+
+    def loss(weights: np.ndarray) -> float:
+        scores = np.where(right, 1.0, -1.0) * (weights[0] + seen @ weights[1:])
+        scaled = weights[1:] * spread
+        centre = weights[0] + seen.mean(axis=0) @ weights[1:]
+        return float(np.log1p(np.exp(-scores)).mean() + 0.003 * scaled @ scaled + 1e-3 * centre**2)
+
+    expected = minimize(loss, np.zeros(4), method="Nelder-Mead", options={"maxiter": 20000, "xatol": 1e-8, "fatol": 1e-12}).x
+    assert loss(found) <= loss(expected) + 1e-6
+
+
+def test_sectors_vote_as_a_whole_image_of_them() -> None:
+    columns = np.ones(48)
+    agreement = Agreement.of_columns(0.5 * columns, columns, columns)
+    assert agreement.cosine == pytest.approx(0.5)
+    assert agreement.sectors == pytest.approx(np.full(24, 0.5))
+    assert agreement.unanimity > 100.0
+
+
+def test_hidden_sectors_do_not_vote() -> None:
+    seen = np.r_[np.ones(24), np.zeros(24)]
+    agreement = Agreement.of_columns(0.5 * seen, seen, np.ones(48))
+    assert np.isnan(agreement.sectors[12:]).all()
+    assert np.isfinite(agreement.sectors[:12]).all()
+    nothing = Agreement.of_columns(np.zeros(48), np.zeros(48), np.zeros(48))
+    assert nothing.cosine == 0.0
+    assert nothing.unanimity == 0.0
+
+
+def test_chance_is_less_unanimous_than_a_match() -> None:
+    rng = np.random.default_rng(1)
+    chance = Agreement.of_columns(rng.normal(0.0, 0.3, 240), np.ones(240), np.ones(240))
+    match = Agreement.of_columns(rng.normal(0.5, 0.3, 240), np.ones(240), np.ones(240))
+    assert match.unanimity > 4.0 * abs(chance.unanimity)

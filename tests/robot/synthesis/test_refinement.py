@@ -1,0 +1,165 @@
+import numpy as np
+import pytest
+from oracles.scenes import panorama
+
+from panoloc_mcl.robot.eigenspace.gradients import orientations
+from panoloc_mcl.robot.geometry import angle_difference
+from panoloc_mcl.robot.kernels.warping import column_products, normal_equations
+from panoloc_mcl.robot.settings.observation import RefinementSettings, VotesSettings
+from panoloc_mcl.robot.synthesis import PoseRefiner
+from panoloc_mcl.robot.synthesis.views import FloorRays
+
+SETTINGS = VotesSettings()
+TILT = np.radians(2.0)
+
+
+def positive_definite(matrix: np.ndarray) -> bool:
+    return bool(np.allclose(matrix, matrix.T) and np.linalg.eigvalsh(matrix).min() > 0.0)
+
+
+def refined(world, walls: str, truth: np.ndarray, off: np.ndarray, leaning=(0.0, 0.0), *, rotated: bool = False, **settings):
+    """The measurement from a start that is off, and its errors: metres and degrees."""
+    chosen = SETTINGS.model_copy(update={"refinement": RefinementSettings(**settings)})
+    z, usable = orientations(world.room.panorama(world.geometry, truth, leaning, rotated=rotated), chosen)
+    measured = PoseRefiner(getattr(world, walls), chosen).refine(z, usable, truth + off)
+    far = float(np.hypot(*(measured.pose[:2] - truth[:2])))
+    return measured, far, float(np.degrees(np.abs(angle_difference(measured.pose[2], truth[2]))))
+
+
+def starts(count: int):
+    """True poses between the references, and starts 10 cm and 2 degrees off."""
+    rng = np.random.default_rng(3)
+    for _ in range(count):
+        direction = rng.uniform(0.0, 2.0 * np.pi)
+        off = np.array([0.1 * np.cos(direction), 0.1 * np.sin(direction), np.radians(2.0) * rng.choice([-1.0, 1.0])])
+        yield rng.uniform([0.0, 0.0, -np.pi], [2.0, 1.0, np.pi]), off
+
+
+@pytest.mark.parametrize("walls", ["exact", "swept"])
+@pytest.mark.parametrize("tilt", [(0.0, 0.0), (TILT, 0.0), (-0.6 * TILT, 0.8 * TILT)])
+def test_poses_are_found_to_millimetres(fine, walls: str, tilt: tuple[float, float]) -> None:
+    for truth, off in starts(5):
+        measured, far, turned = refined(fine, walls, truth, off, tilt)
+        assert far < 0.01
+        assert turned < 0.2
+        assert measured.tilt == pytest.approx(tilt, abs=np.radians(0.15))
+        assert measured.agreement.cosine > 0.85
+        assert positive_definite(measured.covariance)
+        # As sharp as it is, but for a factor: neither metres nor nanometres.
+        assert 1e-4 < np.sqrt(np.diag(measured.covariance)[:2]).max() < 0.02
+
+
+def test_a_camera_really_turned_in_space_is_met_to_a_centimetre(fine) -> None:
+    """Only the lift of the columns is modelled; what moves sideways near the floor is left over."""
+    for truth, off in starts(3):
+        _, far, turned = refined(fine, "exact", truth, off, (0.7 * TILT, 0.7 * TILT), rotated=True)
+        assert far < 0.015
+        assert turned < 0.2
+
+
+def test_without_tilt_among_the_unknowns_a_level_camera_is_met_as_well(fine) -> None:
+    truth, off = next(starts(1))
+    measured, far, turned = refined(fine, "exact", truth, off, tilt=False)
+    assert far < 0.01
+    assert turned < 0.2
+    assert not measured.tilt.any()
+    _, tilted_far, _ = refined(fine, "exact", truth, off, (TILT, 0.0), tilt=False)
+    assert tilted_far > far
+
+
+@pytest.mark.parametrize("sources", [1, 2, 4, 8])
+def test_any_number_of_sources_will_do(small, sources: int) -> None:
+    truth, off = np.array([0.8, 0.6, 1.0]), np.array([0.08, -0.06, np.radians(2.0)])
+    measured, far, turned = refined(small, "exact", truth, off, sources=sources)
+    assert far < 0.02
+    assert turned < 0.5
+    assert positive_definite(measured.covariance)
+
+
+def test_headings_come_out_within_the_range(small) -> None:
+    for heading in (np.pi - 0.005, -np.pi + 0.005):
+        for turn in (-0.03, 0.03):
+            measured, far, _ = refined(small, "exact", np.array([0.5, 0.5, heading]), np.array([0.0, 0.0, turn]))
+            assert -np.pi <= measured.pose[2] < np.pi
+            assert far < 0.02
+
+
+@pytest.mark.parametrize("sources", [1, 2])
+def test_an_image_that_fits_exactly_still_errs(small, sources: int) -> None:
+    chosen = SETTINGS.model_copy(update={"refinement": RefinementSettings(sources=sources)})
+    z, usable = orientations(small.references.panorama(0), chosen)
+    measured = PoseRefiner(small.exact, chosen).refine(z, usable, np.zeros(3))
+    assert measured.pose == pytest.approx(np.zeros(3), abs=1e-3)
+    assert measured.agreement.cosine > 0.95
+    assert positive_definite(measured.covariance)
+    assert np.isfinite(measured.relative_likelihood(np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]))).all()
+
+
+def test_nothing_in_common_says_nothing(small) -> None:
+    z, usable = orientations(small.references.panorama(0), SETTINGS)
+    start = np.array([0.5, 0.5, 1.0])
+    measured = PoseRefiner(small.exact, SETTINGS).refine(np.zeros_like(z), np.zeros_like(usable), start)
+    assert measured.pose == pytest.approx(start)
+    assert measured.agreement.cosine == 0.0
+    assert np.linalg.eigvalsh(measured.covariance).min() > 100.0
+
+
+def test_another_image_agrees_much_less(small) -> None:
+    z, usable = orientations(panorama(np.random.default_rng(0).integers(20, 235, (36, 90))), SETTINGS)
+    measured = PoseRefiner(small.exact, SETTINGS).refine(z, usable, np.array([0.5, 0.5, 0.0]))
+    assert np.isfinite(measured.pose).all()
+    assert measured.agreement.cosine < 0.5
+
+
+@pytest.mark.parametrize("unknown", range(5))
+def test_the_equations_know_what_a_small_step_changes(fine, unknown: int) -> None:
+    """A view rendered a small step away: the equations name the step, and no other."""
+    # Smooth features, whose central differences are their derivatives.
+    smooth = SETTINGS.model_copy(update={"smoothing_px": 3.0})
+    step = np.zeros(5)
+    step[unknown] = 0.01
+    truth = np.array([0.4, 0.45, 0.0])
+    view, view_usable = orientations(fine.room.panorama(fine.geometry, truth), smooth)
+    query, query_usable = orientations(fine.room.panorama(fine.geometry, truth + step[:3], step[3:]), smooth)
+    rays = FloorRays.of(fine.geometry, fine.room.height_m)
+    profile = fine.room.profile(truth[:2], 180)
+    products = column_products(view, view_usable, query, query_usable, profile, rays.floor, rays.tangents, 1)
+    normal, right, *_ = normal_equations(products, np.ones(len(profile), dtype=bool), rays.row_step)
+    solved = np.linalg.solve(normal, right)
+    assert solved[unknown] == pytest.approx(0.01, rel=0.25)
+    assert np.abs(np.delete(solved, unknown)).max() < 0.0015
+
+
+def test_of_several_starts_the_one_that_agrees_is_refined(fine) -> None:
+    truth = np.array([0.9, 0.6, 0.4])
+    z, usable = orientations(fine.room.panorama(fine.geometry, truth), SETTINGS)
+    wrong = [np.array([1.8, 0.1, -2.0]), np.array([0.1, 0.9, 2.5])]
+    refiner = PoseRefiner(fine.exact, SETTINGS)
+    measured, agreements = refiner.refine_best(z, usable, [*wrong, truth + np.array([0.08, -0.05, 0.02])])
+    assert np.hypot(*(measured.pose - truth)[:2]) < 0.01
+    assert len(agreements) == 3
+    assert int(np.argmax(agreements)) == 2
+
+
+def test_a_start_that_suffices_is_the_last_that_is_tried(fine) -> None:
+    truth = np.array([0.9, 0.6, 0.4])
+    z, usable = orientations(fine.room.panorama(fine.geometry, truth), SETTINGS)
+    measured, agreements = PoseRefiner(fine.exact, SETTINGS).refine_best(
+        z, usable, [truth, truth + np.array([0.3, 0.0, 0.0])], 0.5
+    )
+    assert len(agreements) == 1
+    assert np.hypot(*(measured.pose - truth)[:2]) < 0.01
+
+
+def test_an_occluder_over_a_quarter_of_the_view_does_not_pull_the_pose(fine) -> None:
+    """Somebody stands close: textured, so no mask hides it."""
+    rng = np.random.default_rng(2)
+    for truth, off in starts(3):
+        image = fine.room.panorama(fine.geometry, truth)
+        pixels = image.pixels.copy()
+        pixels[:, 20:65] = rng.uniform(30.0, 220.0, (pixels.shape[0], 45)).astype(np.float32)
+        z, usable = orientations(panorama(pixels), SETTINGS)
+        measured = PoseRefiner(fine.exact, SETTINGS).refine(z, usable, truth + off)
+        assert np.hypot(*(measured.pose - truth)[:2]) < 0.012
+        hidden = measured.agreement.sectors < 0.4
+        assert 2 <= hidden.sum() <= 9
