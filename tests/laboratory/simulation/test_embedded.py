@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from panoloc_mcl import datasets
 from panoloc_mcl.laboratory.simulation.settings import load_simulation
 from panoloc_mcl.laboratory.simulation.simulate import Simulation
+from panoloc_mcl.tools import datasets
 from panoloc_mcl.tools.datasets import read_image
 from panoloc_mcl.tools.datasets.trajectory import read_tum
 

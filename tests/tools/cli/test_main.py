@@ -9,7 +9,7 @@ import pytest
 import panoloc_mcl
 import panoloc_mcl.tools.runs.pipeline
 from panoloc_mcl.robot.errors import PanolocError
-from panoloc_mcl.tools.cli.main import COMMANDS
+from panoloc_mcl.tools.cli.main import commands
 
 CONFIG = Path(__file__).parents[3] / "configs" / "global.yaml"
 
@@ -24,7 +24,7 @@ def raising(error):
 def test_help_names_every_command(panoloc):
     done = panoloc("--help")
     assert done.code == 0
-    for command in COMMANDS:
+    for command in commands():
         assert command.name in done.out
         assert command.summary.split()[0] in done.out
         one = panoloc(command.name, "--help")
