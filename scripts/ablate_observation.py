@@ -460,10 +460,8 @@ class Bench:
             return panorama
         # Every model gets the same corrupted images.
         rng = np.random.default_rng([self._seed, frame.number, zlib.crc32(recipe.text.encode())])
-        geometry = self._map.geometry
-        field_deg = geometry.elevation_top_deg - geometry.elevation_bottom_deg
         grey = np.clip(np.rint(panorama.pixels), 0.0, 255.0).astype(np.uint8)
-        pixels = recipe.image(grey, rng, field_deg).astype(np.float32)
+        pixels = recipe.image(grey, rng, self._map.geometry.elevation_deg).astype(np.float32)
         if panorama.valid is not None:
             pixels[~panorama.valid] = 0.0
         return Panorama(pixels, panorama.valid)

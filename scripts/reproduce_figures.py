@@ -328,7 +328,7 @@ def pictured(bench: Bench, light: str, corruption: str, title: str, what: str, o
     drive, index, _ = bench.frames(light)[0]
     before = np.clip(np.rint(bench.panorama(drive, index).pixels), 0, 255).astype(np.uint8)
     geometry = bench.map.geometry
-    after = recipe.image(before, np.random.default_rng(0), geometry.elevation_top_deg - geometry.elevation_bottom_deg)
+    after = recipe.image(before, np.random.default_rng(0), geometry.elevation_deg)
     file = f"{title.lower().replace(' ', '_')}.png"
     show([("original", before), (what, after)], out / file, same_scale=True)
     return [f"## {title}: {what}", "", f"![{title}]({file})", ""]

@@ -98,7 +98,7 @@ def judged(
             image = np.asarray(read_image(file), dtype=np.uint8)
             if recipe is not None:
                 rng = np.random.default_rng([zlib.crc32(condition.encode()), number])
-                image = recipe.image(image, rng, geometry.elevation_top_deg - geometry.elevation_bottom_deg)
+                image = recipe.image(image, rng, geometry.elevation_deg)
             field = model.observe(unwrap(image))
             pose = field.best_pose if field.measurement is None else field.measurement.pose
             right = condition != FOREIGN and bool(np.hypot(*(pose - truth)[:2]) <= RIGHT_WITHIN_M)

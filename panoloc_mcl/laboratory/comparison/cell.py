@@ -228,8 +228,7 @@ class _Disturbed:
     def __init__(self, model: ObservationModel, recipe: Recipe, seed: int, panorama_map: PanoramaMap) -> None:
         self._model, self._recipe = model, recipe
         self._salt = (seed, zlib.crc32(recipe.text.encode()))
-        geometry = panorama_map.geometry
-        self._field_deg = geometry.elevation_top_deg - geometry.elevation_bottom_deg
+        self._elevation_deg = panorama_map.geometry.elevation_deg
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._model, name)
@@ -238,7 +237,7 @@ class _Disturbed:
         """Votes of the corrupted panorama."""
         grey = np.clip(np.rint(panorama.pixels), 0.0, 255.0).astype(np.uint8)
         rng = np.random.default_rng((*self._salt, zlib.crc32(grey.tobytes())))
-        pixels = self._recipe.image(grey, rng, self._field_deg).astype(np.float32)
+        pixels = self._recipe.image(grey, rng, self._elevation_deg).astype(np.float32)
         if panorama.valid is not None:
             pixels[~panorama.valid] = 0.0
         return self._model.observe(Panorama(pixels, panorama.valid), headings)

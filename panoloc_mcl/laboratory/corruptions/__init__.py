@@ -1,6 +1,6 @@
 """Corruptions of images and sequences for tests and studies: one definition used by all."""
 
-from panoloc_mcl.laboratory.corruptions.images import bars, blobs, blur, gain, noise, random_pixels, spatial_light, tilt
+from panoloc_mcl.laboratory.corruptions.images import bars, blobs, blur, gain, lean, noise, random_pixels, spatial_light, tilt
 from panoloc_mcl.laboratory.corruptions.recipe import CORRUPTIONS, Recipe, parse_recipe
 from panoloc_mcl.laboratory.corruptions.sequences import drop_frames
 
@@ -12,6 +12,7 @@ __all__ = [
     "blur",
     "drop_frames",
     "gain",
+    "lean",
     "noise",
     "parse_recipe",
     "random_pixels",

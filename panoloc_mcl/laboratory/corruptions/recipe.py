@@ -52,6 +52,11 @@ class _Tilt(StrictModel):
     degrees: Annotated[float, Field(ge=0.0, le=45.0)]
 
 
+class _Lean(StrictModel):
+    pitch_deg: Annotated[float, Field(ge=-45.0, le=45.0)]
+    roll_deg: Annotated[float, Field(ge=-45.0, le=45.0)] = 0.0
+
+
 class _Noise(StrictModel):
     sd: Annotated[float, Field(ge=0.0, le=255.0)]
 
@@ -68,14 +73,14 @@ class Corruption:
         Its severities with their ranges; the first one may be written without its name.
     of_sequences : bool
         It takes frames away, and leaves images as they are.
-    needs_field : bool
-        It is told the vertical field of the panorama.
+    needs_elevation : bool
+        It is told the elevations that the panorama covers.
     """
 
     apply: Callable[..., NDArray[Any]]
     parameters: type[StrictModel]
     of_sequences: bool = False
-    needs_field: bool = False
+    needs_elevation: bool = False
 
 
 #: All of them, by the names that recipes use.
@@ -86,7 +91,8 @@ CORRUPTIONS: dict[str, Corruption] = {
     "gain": Corruption(images.gain, _Gain),
     "spatial_light": Corruption(images.spatial_light, _SpatialLight),
     "blur": Corruption(images.blur, _Blur),
-    "tilt": Corruption(images.tilt, _Tilt, needs_field=True),
+    "tilt": Corruption(images.tilt, _Tilt, needs_elevation=True),
+    "lean": Corruption(images.lean, _Lean, needs_elevation=True),
     "noise": Corruption(images.noise, _Noise),
     "drop_frames": Corruption(drop_frames, _OfShare, of_sequences=True),
 }
@@ -115,7 +121,9 @@ class Recipe:
         """Whether any step is about images."""
         return any(not corruption.of_sequences for corruption, _ in self.steps)
 
-    def image(self, image: NDArray[np.uint8], rng: np.random.Generator, vertical_field_deg: float) -> NDArray[np.uint8]:
+    def image(
+        self, image: NDArray[np.uint8], rng: np.random.Generator, elevation_deg: tuple[float, float]
+    ) -> NDArray[np.uint8]:
         """The corrupted image.
 
         Parameters
@@ -123,8 +131,8 @@ class Recipe:
         image : uint8 (rows, columns) or (rows, columns, channels)
             A panorama, columns clockwise over the full circle; it is not changed.
         rng : Generator
-        vertical_field_deg : float
-            Elevations that its rows cover, degrees.
+        elevation_deg : (float, float)
+            Elevation of its lower and of its upper edge, degrees.
 
         Returns
         -------
@@ -133,8 +141,8 @@ class Recipe:
         corrupted = image.copy()
         for corruption, severities in self.steps:
             if not corruption.of_sequences:
-                field = {"vertical_field_deg": vertical_field_deg} if corruption.needs_field else {}
-                corrupted = corruption.apply(corrupted, rng, **severities, **field)
+                told = {"elevation_deg": elevation_deg} if corruption.needs_elevation else {}
+                corrupted = corruption.apply(corrupted, rng, **severities, **told)
         return corrupted
 
     def frames(self, count: int, rng: np.random.Generator) -> NDArray[np.int64]:

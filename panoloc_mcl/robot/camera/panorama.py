@@ -58,6 +58,11 @@ class PanoramaGeometry:
         """Rows and columns, as NumPy counts them."""
         return self.height, self.width
 
+    @property
+    def elevation_deg(self) -> tuple[float, float]:
+        """Elevation of the lower and of the upper edge, degrees."""
+        return self.elevation_bottom_deg, self.elevation_top_deg
+
     def azimuth_of_column(self, column: ArrayLike) -> FloatArray:
         """Azimuth that columns look along, radians in ``[-pi, pi)``, left positive; fractions and wraps allowed."""
         return wrap_angle(-2.0 * np.pi * np.asarray(column, dtype=np.float64) / self.width)

@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from panoloc_mcl.laboratory.corruptions import bars, blobs, blur, gain, noise, random_pixels, spatial_light, tilt
+from panoloc_mcl.laboratory.corruptions import bars, blobs, blur, gain, lean, noise, random_pixels, spatial_light, tilt
 
-FIELD = {"vertical_field_deg": 75.0}
+FIELD = {"elevation_deg": (-50.0, 25.0)}
 NOISELESS = {"full_well": 0.0}
 
 #: Each function with a severity that changes something, and one that changes nothing.
@@ -17,6 +17,7 @@ EVERY = {
     "spatial_light": (spatial_light, {}, {"log_sd": 0.0, "gain": 1.0, "full_well": 0.0}),
     "blur": (blur, {"sigma": 1.5}, {"sigma": 0.0}),
     "tilt": (tilt, {"degrees": 4.0, **FIELD}, {"degrees": 0.0, **FIELD}),
+    "lean": (lean, {"pitch_deg": 2.0, "roll_deg": -1.0, **FIELD}, {"pitch_deg": 0.0, "roll_deg": 0.0, **FIELD}),
     "noise": (noise, {"sd": 5.0}, {"sd": 0.0}),
 }
 
@@ -68,7 +69,7 @@ class TestEveryOne:
         image = image_of((24, 72))
         first, again, other = (function(image, np.random.default_rng(seed), **severity) for seed in (3, 3, 4))
         np.testing.assert_array_equal(first, again)
-        assert (name in ("gain", "blur")) == np.array_equal(first, other)
+        assert (name in ("gain", "blur", "lean")) == np.array_equal(first, other)
         assert not np.array_equal(first, image)
 
     def test_an_image_that_is_not_contiguous(self, name):
@@ -193,21 +194,48 @@ def test_noise_has_the_spread_asked_for():
     assert noisy.std() == pytest.approx(6.0, rel=0.02)
 
 
+def seen_from(rotation, rows=150, columns=360, bottom=-50.0, top=25.0):
+    """Grey levels of a world that is a smooth function of the direction, as a camera turned by a rotation sees it."""
+    elevation = np.radians(top - (np.arange(rows) + 0.5) * (top - bottom) / rows)[:, None]
+    azimuth = -2.0 * np.pi * np.arange(columns)[None, :] / columns
+    along = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation) + 0.0 * azimuth
+    x, y, z = np.tensordot(rotation, np.stack(along), axes=1)
+    return 128.0 + 50.0 * np.sin(3.0 * x + 1.0) + 40.0 * np.sin(4.0 * y) + 30.0 * np.cos(5.0 * z + 2.0 * x)
+
+
+@given(pitch=st.floats(-8.0, 8.0), roll=st.floats(-8.0, 8.0))
+@settings(max_examples=30, deadline=None)
+def test_lean_turns_every_ray(pitch, roll):
+    upright = np.rint(seen_from(np.eye(3))).astype(np.uint8)
+    turned = lean(upright, np.random.default_rng(0), pitch, roll, (-50.0, 25.0))
+    angle = np.radians(np.hypot(pitch, roll))
+    axis = np.radians([roll, pitch, 0.0]) / max(angle, 1e-12)
+    cross = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
+    rotation = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
+    # Away from the rim, beyond which nothing is known.
+    inside = slice(26, -26)
+    np.testing.assert_allclose(turned[inside], seen_from(rotation)[inside], atol=1.6)
+
+
+def test_a_nose_that_is_down_sees_the_floor_higher_up_in_front():
+    image = np.broadcast_to(np.arange(150, dtype=np.uint8)[:, None], (150, 72))
+    down = lean(image, np.random.default_rng(0), 4.0, 0.0, (-50.0, 25.0))[75].astype(int) - 75
+    assert (down[0], down[36]) == (8, -8)
+    right = lean(image, np.random.default_rng(0), 0.0, 4.0, (-50.0, 25.0))[75].astype(int) - 75
+    assert (right[18], right[54]) == (8, -8)
+
+
 @given(degrees=st.floats(0.5, 8.0), seed=seeds)
 @settings(max_examples=30, deadline=None)
-def test_tilt_moves_rows_sinusoidally(degrees, seed):
-    rows, columns, slope = 150, 72, 1.63
-    ramp = np.broadcast_to(np.rint(slope * np.arange(rows)).astype(np.uint8)[:, None], (rows, columns))
-    tilted = tilt(ramp, np.random.default_rng(seed), degrees, vertical_field_deg=75.0)
-    # Far from the rim grey levels tell where a row came from, as far as their rounding lets them.
-    shift = (tilted.astype(float) - slope * np.arange(rows)[:, None])[20:-20].mean(axis=0) / slope
-    wave = np.fft.rfft(shift) / columns
-    assert 2.0 * abs(wave[1]) == pytest.approx(2.0 * degrees, abs=0.15)
-    expected = 2.0 * np.real(wave[1] * np.exp(2j * np.pi * np.arange(columns) / columns))
-    np.testing.assert_allclose(shift, expected, atol=0.35)
+def test_tilt_is_as_large_as_asked(degrees, seed):
+    ramp = np.broadcast_to(np.rint(1.63 * np.arange(150)).astype(np.uint8)[:, None], (150, 72))
+    tilted = tilt(ramp, np.random.default_rng(seed), degrees, (-50.0, 25.0))
+    # Along the horizon the rows move sinusoidally.
+    wave = np.fft.rfft(tilted[49:51].astype(float).mean(axis=0)) / 72
+    assert 2.0 * abs(wave[1]) / 1.63 == pytest.approx(2.0 * degrees, abs=0.2)
 
 
 def test_tilt_leans_anywhere():
     ramp = np.broadcast_to(np.arange(150, dtype=np.uint8)[:, None], (150, 72))
-    lowest = [int(np.argmin(tilt(ramp, np.random.default_rng(seed), 8.0, 75.0)[75])) for seed in range(40)]
+    lowest = [int(np.argmin(tilt(ramp, np.random.default_rng(seed), 8.0, (-50.0, 25.0))[75])) for seed in range(40)]
     assert len({column // 18 for column in lowest}) == 4

@@ -7,6 +7,7 @@ from panoloc_mcl.laboratory.corruptions import CORRUPTIONS, bars, drop_frames, p
 from panoloc_mcl.robot.errors import ConfigError
 
 IMAGE = np.random.default_rng(0).integers(1, 255, (30, 72), dtype=np.uint8)
+FIELD = (-50.0, 25.0)
 
 
 def faults_of(text):
@@ -16,27 +17,27 @@ def faults_of(text):
 
 
 def test_a_recipe_is_its_steps_in_order():
-    both = parse_recipe("bars:0.5+random_pixels:0.25").image(IMAGE, np.random.default_rng(1), 75.0)
+    both = parse_recipe("bars:0.5+random_pixels:0.25").image(IMAGE, np.random.default_rng(1), FIELD)
     rng = np.random.default_rng(1)
     np.testing.assert_array_equal(both, random_pixels(bars(IMAGE, rng, 0.5), rng, 0.25))
 
 
 @pytest.mark.parametrize("text", ["bars:0.5,count=2", "bars:share=0.5,count=2", " bars : 0.5 , count = 2 ".replace(" :", ":")])
 def test_severities_by_name_and_by_place(text):
-    corrupted = parse_recipe(text).image(IMAGE, np.random.default_rng(1), 75.0)
+    corrupted = parse_recipe(text).image(IMAGE, np.random.default_rng(1), FIELD)
     np.testing.assert_array_equal(corrupted, bars(IMAGE, np.random.default_rng(1), 0.5, 2))
 
 
 def test_tilt_is_told_the_field():
-    corrupted = parse_recipe("tilt:4").image(IMAGE, np.random.default_rng(1), 60.0)
-    np.testing.assert_array_equal(corrupted, tilt(IMAGE, np.random.default_rng(1), 4.0, 60.0))
+    corrupted = parse_recipe("tilt:4").image(IMAGE, np.random.default_rng(1), (-40.0, 20.0))
+    np.testing.assert_array_equal(corrupted, tilt(IMAGE, np.random.default_rng(1), 4.0, (-40.0, 20.0)))
 
 
 def test_clean_changes_nothing():
     clean = parse_recipe("clean")
     assert not clean.changes_images
-    np.testing.assert_array_equal(clean.image(IMAGE, np.random.default_rng(0), 75.0), IMAGE)
-    assert not np.shares_memory(clean.image(IMAGE, np.random.default_rng(0), 75.0), IMAGE)
+    np.testing.assert_array_equal(clean.image(IMAGE, np.random.default_rng(0), FIELD), IMAGE)
+    assert not np.shares_memory(clean.image(IMAGE, np.random.default_rng(0), FIELD), IMAGE)
     np.testing.assert_array_equal(clean.frames(5, np.random.default_rng(0)), np.arange(5))
 
 
@@ -53,13 +54,13 @@ def test_frames_and_images_in_one_recipe():
     recipe = parse_recipe("drop_frames:0.5+noise:3+drop_frames:0.5")
     assert recipe.changes_images
     assert len(recipe.frames(40, np.random.default_rng(0))) == 10
-    assert not np.array_equal(recipe.image(IMAGE, np.random.default_rng(0), 75.0), IMAGE)
+    assert not np.array_equal(recipe.image(IMAGE, np.random.default_rng(0), FIELD), IMAGE)
 
 
 def test_drop_frames_leaves_images_alone():
     recipe = parse_recipe("drop_frames:0.5")
     assert not recipe.changes_images
-    np.testing.assert_array_equal(recipe.image(IMAGE, np.random.default_rng(0), 75.0), IMAGE)
+    np.testing.assert_array_equal(recipe.image(IMAGE, np.random.default_rng(0), FIELD), IMAGE)
 
 
 @pytest.mark.parametrize("name", CORRUPTIONS)
