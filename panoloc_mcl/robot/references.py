@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -54,8 +54,9 @@ class ReferencePanoramas:
     ----------
     pixels : uint8 (n, rows, columns)
         Grey levels.
-    valid : bool (rows, columns), or None
-        Pixels that the reference camera sees, where it does not see all.
+    valid : bool (n, rows, columns), or None
+        Pixels in which each reference shows the world, where not all do: a mask is fixed to the camera, so references taken at
+        other headings miss other parts of the circle. A read-only view of one (rows, columns) where all miss the same.
     positions : float64 (n, 2)
         Metres, map frame.
     names : tuple of str
@@ -77,7 +78,17 @@ class ReferencePanoramas:
 
     def panorama(self, index: int) -> Panorama:
         """One reference as a panorama."""
-        return Panorama(self.pixels[index].astype(np.float32), self.valid)
+        return Panorama(self.pixels[index].astype(np.float32), None if self.valid is None else self.valid[index])
+
+    def of(self, indices: NDArray[np.int64]) -> ReferencePanoramas:
+        """Some of the references."""
+        return replace(
+            self,
+            pixels=self.pixels[indices],
+            valid=None if self.valid is None else self.valid[indices],
+            positions=self.positions[indices],
+            names=tuple(self.names[index] for index in indices),
+        )
 
 
 def read_references(source: References, progress: Progress = no_progress) -> ReferencePanoramas:
@@ -95,7 +106,7 @@ def read_references(source: References, progress: Progress = no_progress) -> Ref
         raise DatasetError(doubles)
     geometry = geometry_of(source.camera, source.image_size)
     pixels = np.empty((len(source), *geometry.shape), dtype=np.uint8)
-    valid: NDArray[np.bool_] | None = None
+    seen: list[NDArray[np.bool_] | None] = []
     unwrappers: dict[float, Unwrapper] = {}
     for index, (file, pose) in enumerate(zip(source.files, source.poses, strict=True)):
         turn = -float(pose[2])
@@ -105,17 +116,26 @@ def read_references(source: References, progress: Progress = no_progress) -> Ref
             unwrappers[turn] = unwrap
         panorama = unwrap(read_image(file))
         pixels[index] = np.clip(np.rint(panorama.pixels), 0, 255)
-        if panorama.valid is not None:
-            valid = panorama.valid if valid is None else valid & panorama.valid
+        seen.append(panorama.valid)
         progress(index + 1, len(source), "references")
     return ReferencePanoramas(
         pixels=pixels,
-        valid=valid,
+        valid=_stacked(seen, geometry.shape),
         positions=np.ascontiguousarray(source.poses[:, :2]),
         names=tuple(file.name for file in source.files),
         geometry=geometry,
         camera_height_m=source.camera.height_m,
     )
+
+
+def _stacked(seen: list[NDArray[np.bool_] | None], shape: tuple[int, int]) -> NDArray[np.bool_] | None:
+    """Masks of all references (n, rows, columns); one that all share takes the room of one."""
+    if all(mask is None for mask in seen):
+        return None
+    masks = [np.ones(shape, dtype=np.bool_) if mask is None else mask for mask in seen]
+    if all(mask is masks[0] or np.array_equal(mask, masks[0]) for mask in masks):
+        return np.broadcast_to(masks[0], (len(masks), *shape))
+    return np.stack(masks)
 
 
 def same_poses(references: References) -> list[str]:

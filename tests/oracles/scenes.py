@@ -32,7 +32,7 @@ def references(images: list[np.ndarray], positions, valid: np.ndarray | None = N
     pixels = np.stack(images)
     return ReferencePanoramas(
         pixels=pixels,
-        valid=valid,
+        valid=None if valid is None else np.broadcast_to(valid, (len(images), *images[0].shape)),
         positions=np.asarray(positions, dtype=np.float64),
         names=tuple(f"ref_{index}.png" for index in range(len(pixels))),
         geometry=PanoramaGeometry(pixels.shape[2], pixels.shape[1], -50.0, 25.0),

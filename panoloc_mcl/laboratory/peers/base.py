@@ -167,4 +167,4 @@ def raise_textureless(references: ReferencePanoramas, faulty: list[bool]) -> Non
 def _rows_seen(references: ReferencePanoramas) -> NDArray[np.bool_]:
     if references.valid is None:
         return np.ones(references.geometry.height, dtype=np.bool_)
-    return np.asarray(references.valid.mean(axis=1) >= 0.5)
+    return np.asarray(references.valid.mean(axis=(0, 2)) >= 0.5)

@@ -174,7 +174,7 @@ class PanoramaMap:
             **{f"model.{name}": np.ascontiguousarray(array) for name, array in self.arrays.items()},
         }
         if references.valid is not None:
-            tensors["references.valid"] = references.valid
+            tensors["references.valid"] = _kept(references.valid)
         geometry = references.geometry
         header = {
             "format": FORMAT,
@@ -226,7 +226,7 @@ class PanoramaMap:
         camera = camera_from_mapping(header["camera"], source)
         references = ReferencePanoramas(
             pixels=pixels,
-            valid=tensors.get("references.valid"),
+            valid=_masks(tensors.get("references.valid"), len(pixels)),
             positions=positions,
             names=tuple(header["files"]),
             geometry=PanoramaGeometry(pixels.shape[2], pixels.shape[1], *header["elevation_deg"]),
@@ -242,6 +242,17 @@ class PanoramaMap:
             {name.removeprefix("model."): array for name, array in tensors.items() if name.startswith("model.")},
             tuple(str(note) for note in header.get("notes", ())),
         )
+
+
+def _kept(valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Masks of the references as the file keeps them: one (rows, columns) where all are the same."""
+    return valid[0] if valid.strides[0] == 0 or bool((valid == valid[0]).all()) else valid
+
+
+def _masks(kept: NDArray[np.bool_] | None, count: int) -> NDArray[np.bool_] | None:
+    if kept is None or kept.ndim == 3:
+        return kept
+    return np.broadcast_to(kept, (count, *kept.shape))
 
 
 def _header_of(metadata: dict[str, str], path: Path) -> dict[str, Any]:

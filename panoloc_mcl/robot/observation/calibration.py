@@ -184,6 +184,7 @@ def _trials(model: HeldOut, references: ReferencePanoramas, index: int) -> list[
     trials = []
     upright = references.pixels[index]
     mirrored = upright[::-1, ::-1]
+    valid = None if references.valid is None else references.valid[index]
     images = [*((condition, upright) for condition in CONDITIONS), *zip(NOWHERE, [upright[::-1], *[mirrored] * 3], strict=True)]
     for number, (condition, image) in enumerate(images):
         upside_down = number >= len(CONDITIONS)
@@ -192,7 +193,8 @@ def _trials(model: HeldOut, references: ReferencePanoramas, index: int) -> list[
         pixels = np.roll(image, -shift, axis=1)
         if condition is not None:
             pixels = condition(np.ascontiguousarray(pixels), rng)
-        field = model.observe(Panorama(pixels.astype(np.float32), references.valid))
+        seen = None if valid is None else np.roll(_flipped(valid, number), -shift, axis=1)
+        field = model.observe(Panorama(pixels.astype(np.float32), seen))
         if field.problem:
             continue
         pose = np.array([*references.positions[index], -2.0 * np.pi * shift / columns])
@@ -211,6 +213,13 @@ def _trials(model: HeldOut, references: ReferencePanoramas, index: int) -> list[
             )
         )
     return trials
+
+
+def _flipped(valid: NDArray[np.bool_], number: int) -> NDArray[np.bool_]:
+    """What is seen of the image of a trial: some are upside down, the later of these mirrored, too."""
+    if number < len(CONDITIONS):
+        return valid
+    return valid[::-1] if number == len(CONDITIONS) else valid[::-1, ::-1]
 
 
 def _probabilities(evidence: Float64, weights: Float64) -> Float64:

@@ -26,6 +26,8 @@ Float64 = NDArray[np.float64]
 _NEAREST_WALL_M, _FARTHEST_WALL_M = 0.3, 18.0
 # A wall is wider than a pixel: agreement is judged over this many degrees.
 _SMOOTHING_DEG = 9.0
+# Of the rows that a usual column shows; columns of a mask that show fewer have no depth of their own.
+_LEAST_SEEN_OF_COLUMN = 0.25
 
 
 def sweep_profiles(
@@ -89,7 +91,17 @@ def _profile(index: int, neighbours: list[int], synthesizer: ViewSynthesizer, se
             energy[row] += 0.5 * (mine + theirs)
     width = max(1, round(_SMOOTHING_DEG * columns / 360.0))
     score = uniform_filter1d(agreement, width, axis=1, mode="wrap") / uniform_filter1d(energy, width, axis=1, mode="wrap")
-    return _peaks(score, np.log(walls))
+    profile = _peaks(score, np.log(walls))
+    return profile if references.valid is None else _bridged(profile, usable)
+
+
+def _bridged(profile: Float64, usable: NDArray[np.bool_]) -> Float64:
+    """A profile (columns,) whose hidden columns take the wall over from those beside them: what stands behind a mask is not known."""
+    rows_seen = usable.sum(axis=0)
+    seen = np.flatnonzero(rows_seen > _LEAST_SEEN_OF_COLUMN * np.median(rows_seen))
+    if len(seen) in (0, len(profile)):
+        return profile
+    return np.asarray(np.exp(np.interp(np.arange(len(profile)), seen, np.log(profile[seen]), period=len(profile))))
 
 
 def _peaks(score: Float64, log_walls: Float64) -> Float64:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 
 import cv2
@@ -78,6 +78,7 @@ class ViewSynthesizer:
         # Of a large map only those at hand; whoever goes from place to place needs the same ones again.
         # Not of a method, which would keep the synthesiser itself until the garbage is collected.
         self._padded = lru_cache(maxsize=_KEPT_IMAGES)(partial(_padded, references))
+        self._padded_valid = lru_cache(maxsize=_KEPT_IMAGES)(partial(_padded_valid, references))
 
     @cached_property
     def _sources(self) -> NDArray[np.int64]:
@@ -94,14 +95,7 @@ class ViewSynthesizer:
 
     def of(self, indices: NDArray[np.int64]) -> ViewSynthesizer:
         """A synthesiser that has some of the references only."""
-        references = self.references
-        chosen = replace(
-            references,
-            pixels=references.pixels[indices],
-            positions=references.positions[indices],
-            names=tuple(references.names[index] for index in indices),
-        )
-        return ViewSynthesizer(chosen, self.profiles[indices], self.camera_height_m, self.alone[indices])
+        return ViewSynthesizer(self.references.of(indices), self.profiles[indices], self.camera_height_m, self.alone[indices])
 
     def profile_at(self, source: int, position: Float64) -> Float64:
         """Wall profile of a reference as seen from another position, float64 (columns,), metres."""
@@ -147,8 +141,9 @@ class ViewSynthesizer:
         rows = pixels.shape[0]
         seen = (map_y > -0.5) & (map_y < rows - 0.5)
         if self.references.valid is not None:
-            valid = pad_circular(self.references.valid.astype(np.float32), MARGIN)
-            seen &= cv2.remap(valid, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) > 0.99
+            seen &= (
+                cv2.remap(self._padded_valid(source), map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) > 0.99
+            )
         if seen.all():
             return Panorama(pixels, None)
         pixels *= seen
@@ -158,3 +153,9 @@ class ViewSynthesizer:
 def _padded(references: ReferencePanoramas, source: int) -> Float32:
     """A reference as float32, continued across the seam: (rows, columns + 2 margins)."""
     return pad_circular(references.pixels[source].astype(np.float32), MARGIN)
+
+
+def _padded_valid(references: ReferencePanoramas, source: int) -> Float32:
+    """Where a reference shows the world, 1 or 0, continued across the seam like its pixels."""
+    assert references.valid is not None
+    return pad_circular(references.valid[source].astype(np.float32), MARGIN)

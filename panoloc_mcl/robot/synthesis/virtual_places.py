@@ -88,7 +88,8 @@ def synthetic_features(synthesizer: ViewSynthesizer, position: Float64, settings
     """
     references = synthesizer.references
     here = np.flatnonzero(np.hypot(*(references.positions - position).T) < _SAME_PLACE_M)
-    if len(here):
+    # A reference that does not see all is completed by its neighbours, if it has any.
+    if len(here) and (references.valid is None or synthesizer.alone[here[0]]):
         return orientations(references.panorama(int(here[0])), settings)
     rows, columns = references.geometry.shape
     total = np.zeros((rows, columns), dtype=np.complex64)

@@ -178,7 +178,7 @@ def test_odd_and_even_widths(name: str, columns: int) -> None:
 def test_rows_that_the_references_do_not_show_do_not_count(name: str) -> None:
     valid = np.ones((ROWS, COLUMNS), dtype=bool)
     valid[:4] = False
-    world = replace(WORLD, valid=valid)
+    world = replace(WORLD, valid=np.broadcast_to(valid, WORLD.pixels.shape))
     image = turned(texture(3), 12)
     other = image.copy()
     other[:4] = texture(90)[:4]

@@ -69,8 +69,8 @@ def test_saving_again_gives_the_same_file(dataset: Dataset, tmp_path: Path) -> N
 
 def test_a_mask_is_kept(tmp_path: Path) -> None:
     built = PanoramaMap.build(a_dataset(tmp_path / "data"))
-    valid = np.ones((ROWS, COLUMNS), dtype=bool)
-    valid[-4:] = False
+    valid = np.ones((len(built.references), ROWS, COLUMNS), dtype=bool)
+    valid[1:, -4:] = False
     references = type(built.references)(**{**vars(built.references), "valid": valid})
     masked = PanoramaMap(built.name, references, built.camera, built.image_size, built.observation, 0, built.arrays)
     masked.save(tmp_path / "m")

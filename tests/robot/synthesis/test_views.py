@@ -48,7 +48,8 @@ def test_at_a_reference_features_are_its_own(small) -> None:
 def test_what_the_source_does_not_see_is_not_shown(small) -> None:
     valid = np.ones(small.geometry.shape, dtype=bool)
     valid[:, 20:30] = False
-    masked = ViewSynthesizer(replace(small.references, valid=valid), small.exact.profiles, 0.6)
+    references = replace(small.references, valid=np.broadcast_to(valid, small.references.pixels.shape))
+    masked = ViewSynthesizer(references, small.exact.profiles, 0.6)
     position = np.array([0.2, 0.1])
     plain = small.exact.view(0, position, small.exact.profile_at(0, position))
     view = masked.view(0, position, masked.profile_at(0, position))
