@@ -64,7 +64,8 @@ class PoseMeasurement:
         x, y, heading; metres and radians.
     covariance : float64 (3, 3)
     tilt : float64 (2,)
-        Pitch and roll of the camera, radians.
+        Pitch and roll of the camera against the references: a rotation vector about the robot's axes to the left (positive: nose down)
+        and ahead (positive: right side down), radians.
     agreement : Agreement
         Between the image and the view synthesised at the pose.
     """

@@ -45,22 +45,18 @@ class BareRoom:
         wall = np.where(x < y, np.where(dx > 0.0, 1, 0), np.where(dy > 0.0, 3, 2))
         return np.minimum(x, y), wall
 
-    def panorama(self, geometry, pose, tilt=(0.0, 0.0), *, rotated=False, samples=3):
+    def panorama(self, geometry, pose, tilt=(0.0, 0.0), *, samples=3):
         """What a camera sees at a pose (x, y, heading).
 
-        ``tilt`` (pitch and roll, radians, in the map's axes) lifts the columns sinusoidally; if ``rotated``, it turns the camera in
-        space instead.
+        ``tilt`` is the camera's rotation vector about the robot's axes to the left (nose down) and ahead (right side down), radians.
         """
         rows, columns = geometry.shape
         c = (np.arange(columns * samples) + 0.5) / samples - 0.5
         r = (np.arange(rows * samples) + 0.5) / samples - 0.5
-        azimuth, elevation = np.meshgrid(geometry.azimuth_of_column(c) + pose[2], geometry.elevation_of_row(r))
-        if not rotated:
-            elevation = elevation + tilt[0] * np.cos(azimuth) + tilt[1] * np.sin(azimuth)
+        azimuth, elevation = np.meshgrid(geometry.azimuth_of_column(c), geometry.elevation_of_row(r))
         ray = np.stack([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
-        if rotated:
-            turn = Rotation.from_rotvec([tilt[1], -tilt[0], 0.0]).as_matrix()
-            ray = np.einsum("ij,jrc->irc", turn, ray)
+        turn = Rotation.from_euler("z", pose[2]) * Rotation.from_rotvec([tilt[1], tilt[0], 0.0])
+        ray = np.einsum("ij,jrc->irc", turn.as_matrix(), ray)
         level = np.hypot(ray[0], ray[1])
         distance, surface = self._walls(np.asarray(pose[:2]), ray[0] / level, ray[1] / level)
         slope = ray[2] / level

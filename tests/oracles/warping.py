@@ -85,8 +85,8 @@ def jacobian(view, query, profile, floor, tangents, row_step):
             -(along_azimuth * azimuth_by_x + along_elevation * elevation_by_x),
             -(along_azimuth * azimuth_by_y + along_elevation * elevation_by_y),
             along_azimuth,
-            along_elevation * np.cos(a),
-            along_elevation * np.sin(a),
+            -along_elevation * np.cos(a) - along_azimuth * np.sin(a) * np.tan(e),
+            along_elevation * np.sin(a) - along_azimuth * np.cos(a) * np.tan(e),
         ]
     )
 
@@ -119,3 +119,13 @@ def normalised_gradients(grey, bad, margin, floor, doubled):
     z = z**2 / (np.abs(z) ** 2 + floor**2) if doubled else z / (np.abs(z) + floor)
     z[bad != 0] = 0.0
     return z[:, margin:-margin]
+
+
+def some_profile(rng: np.random.Generator, columns: int = 90) -> np.ndarray:
+    """Walls with smooth parts, edges and single columns that stick out."""
+    waves = np.cos(np.arange(1, 4)[:, None] * azimuths(columns) + rng.uniform(0.0, 6.0, (3, 1))).sum(axis=0)
+    profile = np.exp(0.2 * waves) * 2.5
+    start, width = rng.integers(columns), rng.integers(3, 20)
+    profile[(start + np.arange(width)) % columns] *= rng.uniform(0.4, 2.0)
+    profile[rng.integers(columns, size=2)] *= rng.uniform(0.5, 2.0, 2)
+    return profile

@@ -82,6 +82,10 @@ def _warp_table() -> tuple[Any, ...]:
     return np.full(8, 2.0), tangents, np.array([np.inf, np.inf, 1.2]), 0.1, 0.0, 0.6, 0.4, 8, 1
 
 
+def _turned_table() -> tuple[Any, ...]:
+    return np.array([0.5, 0.1, -0.5]), np.linspace(0.0, -5.5, 8), 0.3, np.eye(3), 0.6, 0.4, 8, 1
+
+
 def _move_profile() -> tuple[Any, ...]:
     return np.full(8, 2.0), 0.1, 0.0
 
@@ -98,7 +102,7 @@ def _column_products() -> tuple[Any, ...]:
 
 
 def _normal_equations() -> tuple[Any, ...]:
-    return np.ones((18, 8)), np.ones(8, dtype=np.bool_), 0.1
+    return np.ones((24, 8)), np.ones(8, dtype=np.bool_), 0.1
 
 
 #: By ``module.kernel``: the arguments of one call.
@@ -137,9 +141,10 @@ EXAMPLES: dict[str, Callable[[], tuple[Any, ...]]] = {
     "voting.vote": _vote,
     "warping.arctan2": lambda: (0.5, -0.5),
     "warping.column_agreement": _column_agreement,
-    "warping.column_products": _column_products,
+    "alignment.column_products": _column_products,
+    "warping.turned_table": _turned_table,
     "warping.move_profile": _move_profile,
-    "warping.normal_equations": _normal_equations,
+    "alignment.normal_equations": _normal_equations,
     "warping.warp_table": _warp_table,
     "weights.exponentials": lambda: (np.zeros(4),),
     "weights.likelihoods": lambda: (_numbers(), 1.0, 0.5, 1.0, 0.01),

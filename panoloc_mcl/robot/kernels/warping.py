@@ -119,6 +119,61 @@ def warp_table(
 
 
 @kernel
+def turned_table(
+    tangents: Float64,
+    azimuths: Float64,
+    heading: float,
+    rotation: Float64,
+    top: float,
+    row_step: float,
+    source_columns: int,
+    margin: int,
+) -> tuple[Float32, Float32]:
+    """Where an upright camera at heading 0 finds its pixels in the image of a camera that is turned (tables for ``cv2.remap``).
+
+    Parameters
+    ----------
+    tangents : float64 (rows,)
+        Tangent of the elevation of every row of the upright view.
+    azimuths : float64 (columns,)
+        Of its columns, radians.
+    heading : float
+        Of the turned camera, radians.
+    rotation : float64 (3, 3)
+        From the axes of the turned camera to those of an upright one at the same heading.
+    top, row_step : float
+        Elevation of the upper edge of the image's first row and of one row, radians.
+    source_columns : int
+        Columns of the image.
+    margin : int
+        Columns by which the image is continued on its left across the seam.
+
+    Returns
+    -------
+    map_x, map_y : float32 (rows, columns)
+        Column (with the margin) and row in the image.
+    """
+    rows, columns = tangents.shape[0], azimuths.shape[0]
+    map_x = np.empty((rows, columns), dtype=np.float32)
+    map_y = np.empty((rows, columns), dtype=np.float32)
+    per_radian, per_row = source_columns / (2.0 * np.pi), 1.0 / row_step
+    # A ray is (cos, sin, tangent): of its three turned components all but the tangent's part is the column's.
+    cosines, sines = np.cos(azimuths - heading), np.sin(azimuths - heading)
+    level_x = rotation[0, 0] * cosines + rotation[1, 0] * sines
+    level_y = rotation[0, 1] * cosines + rotation[1, 1] * sines
+    level_z = rotation[0, 2] * cosines + rotation[1, 2] * sines
+    for r in range(rows):
+        x_up, y_up, z_up = tangents[r] * rotation[2, 0], tangents[r] * rotation[2, 1], tangents[r] * rotation[2, 2]
+        for c in range(columns):
+            x, y = level_x[c] + x_up, level_y[c] + y_up
+            column = -arctan2(y, x) * per_radian
+            elevation = arctan2(level_z[c] + z_up, np.sqrt(x * x + y * y))
+            map_x[r, c] = column + margin + (source_columns if column < 0.0 else 0)
+            map_y[r, c] = (top - elevation) * per_row - 0.5
+    return map_x, map_y
+
+
+@kernel
 def move_profile(profile: Float64, dx: float, dy: float) -> Float64:
     """A wall profile as seen from another place: nearest wall wins, holes are filled from their rims.
 
@@ -209,177 +264,3 @@ def column_agreement(
             first_energy[c] += both * (a.real * a.real + a.imag * a.imag)
             second_energy[c] += both * (b.real * b.real + b.imag * b.imag)
     return common, first_energy, second_energy
-
-
-@kernel
-def column_products(
-    view: Complex64,
-    view_usable: Bool,
-    query: Complex64,
-    query_usable: Bool,
-    profile: Float64,
-    floor: Float64,
-    tangents: Float64,
-    every: int,
-) -> Float64:
-    """What Gauss-Newton equations of pose and tilt are made of, summed over the rows of every column (see `normal_equations`).
-
-    A step of the pose moves the features of a pixel along the row and along the column, by amounts that are products of something of
-    the column (its azimuth) and of powers of the inverse distance. So sums over the rows, column by column, hold all that is needed,
-    and columns can be left out afterwards.
-
-    Parameters
-    ----------
-    view, query : complex64 (rows, columns)
-        Features of the synthesised view, and of the image turned back by its heading.
-    view_usable, query_usable : bool (rows, columns)
-    profile : float64 (columns,)
-        Distance of the wall as seen from the view, metres.
-    floor : float64 (rows,)
-        Distance at which a row meets the floor, metres.
-    tangents : float64 (rows,)
-        Tangent of the row's elevation.
-    every : int
-        Only every so many rows are used; neighbouring rows say nearly the same.
-
-    Returns
-    -------
-    float64 (18, columns)
-        With a and b the derivatives along row and column, e the difference, d the distance and l half the sine of twice the
-        elevation, over the pixels that both show: aa/d^2, aa/d, aa, abl/d^2, abl/d, ab/d, ab, bbll/d^2, bbl/d, bb, ae/d, ae, bel/d,
-        be, number of pixels, inner product of query and view, and both squared norms.
-    """
-    rows, columns = view.shape
-    sums = np.zeros((18, columns))
-    nearness = np.empty(columns, dtype=np.float32)
-    wall = 1.0 / profile
-    a_re, a_im = np.empty(columns, dtype=np.float32), np.empty(columns, dtype=np.float32)
-    aa, ab, bb = np.empty(columns, dtype=np.float32), np.empty(columns, dtype=np.float32), np.empty(columns, dtype=np.float32)
-    ae, be = np.empty(columns, dtype=np.float32), np.empty(columns, dtype=np.float32)
-    quarter = np.float32(0.25)
-    for r in range(1, rows - 1, every):
-        # Half the sine of twice the elevation: what a step towards a point changes in its elevation, times its distance.
-        lift = tangents[r] / (1.0 + tangents[r] * tangents[r])
-        ground = 1.0 / floor[r]
-        v, q, vu, qu = view[r], query[r], view_usable[r], query_usable[r]
-        v_above, v_below, q_above, q_below = view[r - 1], view[r + 1], query[r - 1], query[r + 1]
-        # Loops over few arrays each, without branches: only such ones are vectorised.
-        for c in range(1, columns - 1):
-            across = v[c + 1] - v[c - 1] + q[c + 1] - q[c - 1]
-            a_re[c], a_im[c] = quarter * across.real, quarter * across.imag
-        for c in (0, columns - 1):
-            left, right = (c - 1) % columns, (c + 1) % columns
-            across = v[right] - v[left] + q[right] - q[left]
-            a_re[c], a_im[c] = quarter * across.real, quarter * across.imag
-        for c in range(columns):
-            both = np.float32(vu[c] and qu[c])
-            down = v_below[c] - v_above[c] + q_below[c] - q_above[c]
-            b_re, b_im = quarter * down.real, quarter * down.imag
-            error = q[c] - v[c]
-            aa[c] = both * (a_re[c] * a_re[c] + a_im[c] * a_im[c])
-            ab[c] = both * (a_re[c] * b_re + a_im[c] * b_im)
-            bb[c] = both * (b_re * b_re + b_im * b_im)
-            ae[c] = both * (a_re[c] * error.real + a_im[c] * error.imag)
-            be[c] = both * (b_re * error.real + b_im * error.imag)
-        for c in range(columns):
-            nearness[c] = max(wall[c], ground)
-        s0, s1, s2 = sums[0], sums[1], sums[2]
-        for c in range(columns):
-            near = nearness[c] * aa[c]
-            s0[c] += near * nearness[c]
-            s1[c] += near
-            s2[c] += aa[c]
-        s3, s4, s5, s6 = sums[3], sums[4], sums[5], sums[6]
-        for c in range(columns):
-            near = nearness[c] * ab[c]
-            s3[c] += lift * near * nearness[c]
-            s4[c] += lift * near
-            s5[c] += near
-            s6[c] += ab[c]
-        s7, s8, s9 = sums[7], sums[8], sums[9]
-        for c in range(columns):
-            near = lift * nearness[c] * bb[c]
-            s7[c] += lift * nearness[c] * near
-            s8[c] += near
-            s9[c] += bb[c]
-        s10, s11, s12, s13 = sums[10], sums[11], sums[12], sums[13]
-        for c in range(columns):
-            s10[c] += nearness[c] * ae[c]
-            s11[c] += ae[c]
-            s12[c] += lift * nearness[c] * be[c]
-            s13[c] += be[c]
-        s14, s15, s16, s17 = sums[14], sums[15], sums[16], sums[17]
-        for c in range(columns):
-            both = np.float32(vu[c] and qu[c])
-            s14[c] += both
-            s15[c] += both * (q[c].real * v[c].real + q[c].imag * v[c].imag)
-            s16[c] += both * (q[c].real * q[c].real + q[c].imag * q[c].imag)
-            s17[c] += both * (v[c].real * v[c].real + v[c].imag * v[c].imag)
-    return sums
-
-
-@kernel
-def normal_equations(products: Float64, chosen: Bool, row_step: float) -> tuple[Float64, Float64, float, float]:
-    """Gauss-Newton equations of the pose and the tilt that bring a view into agreement with an image.
-
-    The unknowns are the steps of the view's position (x, y, metres), of the image's heading (radians), and of the camera's pitch and
-    roll (radians). Derivatives are those of the mean of both (efficient second-order minimisation, Malis 2004).
-
-    Parameters
-    ----------
-    products : float64 (18, columns)
-        Of view and image (see `column_products`).
-    chosen : bool (columns,)
-        Columns that count.
-    row_step : float
-        Elevation of a row, radians.
-
-    Returns
-    -------
-    normal : float64 (5, 5)
-    right : float64 (5,)
-    residual : float
-        Sum of squared differences.
-    count : float
-        Number of pixels used.
-    """
-    columns = products.shape[1]
-    # Columns and rows a radian.
-    m, k = columns / (2.0 * np.pi), 1.0 / row_step
-    normal = np.zeros((5, 5))
-    right = np.zeros(5)
-    residual, count = 0.0, 0.0
-    for c in range(columns):
-        if not chosen[c]:
-            continue
-        azimuth = -2.0 * np.pi * c / columns
-        cos, sin = np.cos(azimuth), np.sin(azimuth)
-        aa2, aa1, aa0, ab2, abl, ab1, ab0, bb2, bb1, bb0, ae1, ae0, be1, be0, n, qv, qq, vv = products[:, c]
-        # A step in x moves the features by sin m / d along the row and by cos k l / d along the column; and so on.
-        normal[0, 0] += sin * sin * m * m * aa2 + 2.0 * sin * cos * m * k * ab2 + cos * cos * k * k * bb2
-        normal[1, 0] += sin * cos * (k * k * bb2 - m * m * aa2) + (sin * sin - cos * cos) * m * k * ab2
-        normal[1, 1] += cos * cos * m * m * aa2 - 2.0 * sin * cos * m * k * ab2 + sin * sin * k * k * bb2
-        normal[2, 0] -= m * (sin * m * aa1 + cos * k * abl)
-        normal[2, 1] -= m * (sin * k * abl - cos * m * aa1)
-        normal[2, 2] += m * m * aa0
-        x_lift, y_lift = k * (sin * m * ab1 + cos * k * bb1), k * (sin * k * bb1 - cos * m * ab1)
-        normal[3, 0] -= cos * x_lift
-        normal[4, 0] -= sin * x_lift
-        normal[3, 1] -= cos * y_lift
-        normal[4, 1] -= sin * y_lift
-        normal[3, 2] += cos * m * k * ab0
-        normal[4, 2] += sin * m * k * ab0
-        normal[3, 3] += cos * cos * k * k * bb0
-        normal[4, 3] += sin * cos * k * k * bb0
-        normal[4, 4] += sin * sin * k * k * bb0
-        right[0] += sin * m * ae1 + cos * k * be1
-        right[1] += sin * k * be1 - cos * m * ae1
-        right[2] -= m * ae0
-        right[3] -= cos * k * be0
-        right[4] -= sin * k * be0
-        residual += qq + vv - 2.0 * qv
-        count += n
-    for i in range(5):
-        for j in range(i):
-            normal[j, i] = normal[i, j]
-    return normal, right, max(residual, 0.0), count

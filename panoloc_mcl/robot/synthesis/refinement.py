@@ -19,7 +19,8 @@ from scipy.spatial import cKDTree
 
 from panoloc_mcl.robot.eigenspace.gradients import orientations, pad_circular
 from panoloc_mcl.robot.geometry import wrap_angle
-from panoloc_mcl.robot.kernels.warping import column_products, normal_equations
+from panoloc_mcl.robot.kernels.alignment import column_products, normal_equations
+from panoloc_mcl.robot.kernels.warping import turned_table
 from panoloc_mcl.robot.measurement import Agreement, PoseMeasurement
 from panoloc_mcl.robot.references import ReferencePanoramas
 from panoloc_mcl.robot.settings.observation import RefinementSettings, VotesSettings
@@ -152,7 +153,8 @@ class PoseRefiner:
         for index in np.argsort(agreements)[::-1][:_REFINED_TO_THE_END]:
             pose, tilt, equations = self._descended(planes, fine, *approached[index][:2])
             pose[2] = wrap_angle(pose[2])
-            measured.append(PoseMeasurement(pose, self._covariance(equations), tilt, equations.agreement))
+            leaning = _turned(tilt, -float(pose[2]))
+            measured.append(PoseMeasurement(pose, self._covariance(equations), leaning, equations.agreement))
             if measured[-1].agreement.cosine >= sufficient:
                 break
         return max(measured, key=lambda one: one.agreement.cosine), agreements
@@ -160,7 +162,10 @@ class PoseRefiner:
     def _descended(
         self, planes: Mapping[float, Float32], steps: Sequence[Step], pose: Float64, tilt: Float64
     ) -> tuple[Float64, Float64, _Equations]:
-        """Pose and tilt after Gauss-Newton steps, which end where nothing moves any more, and the last equations."""
+        """Pose and tilt after Gauss-Newton steps, which end where nothing moves any more, and the last equations.
+
+        The tilt is about the map's axes here: pitch about y, roll about x.
+        """
         unknowns = self._unknowns
         for step in steps:
             query, query_usable = self._turned_back(planes[step.sigma], pose[2], tilt, step.stride)
@@ -237,15 +242,18 @@ class PoseRefiner:
 
     def _turned_back(self, planes: Float32, heading: float, tilt: Float64, stride: int) -> tuple[Complex64, Bool]:
         """Features as an upright camera would have seen them at heading 0."""
-        rows, columns = planes.shape[0], planes.shape[1] - 2 * MARGIN
-        chosen = np.arange(0, columns, stride)
-        azimuth = -2.0 * np.pi * chosen / columns
-        # A small tilt lifts the columns sinusoidally with their azimuth; sideways it is of second order near the horizon.
-        lift = (tilt[0] * np.cos(azimuth) + tilt[1] * np.sin(azimuth)) / self._synthesizer.rays.row_step
-        source_columns = np.mod(chosen + heading * columns / (2.0 * np.pi), columns) + MARGIN
-        map_y = (np.arange(0, rows, stride)[:, None] + lift[None, :]).astype(np.float32)
-        map_x = np.broadcast_to(source_columns.astype(np.float32), map_y.shape)
-        return _read(planes, map_x, map_y)
+        rays, columns = self._synthesizer.rays, planes.shape[1] - 2 * MARGIN
+        azimuths = np.arange(0, columns, stride) * (-2.0 * np.pi / columns)
+        rotation, _ = cv2.Rodrigues(np.array([*_turned(tilt, -heading)[::-1], 0.0]))
+        tangents = np.ascontiguousarray(rays.tangents[::stride])
+        return _read(planes, *turned_table(tangents, azimuths, heading, rotation, rays.top, rays.row_step, columns, MARGIN))
+
+
+def _turned(tilt: Float64, angle: float) -> Float64:
+    """Pitch and roll about level axes that are turned by an angle against those of ``tilt``, float64 (2,): the same rotation."""
+    pitch, roll = tilt
+    cos, sin = np.cos(angle), np.sin(angle)
+    return np.array([sin * roll + cos * pitch, cos * roll - sin * pitch])
 
 
 def _agreeing(columns: Float64) -> Bool:
@@ -285,7 +293,7 @@ def _planes(z: Complex64, usable: Bool, sigma: float) -> Float32:
 
 
 def _read(planes: Float32, map_x: Float32, map_y: Float32) -> tuple[Complex64, Bool]:
-    read = cv2.remap(planes, np.ascontiguousarray(map_x), map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+    read = cv2.remap(planes, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
     z = np.ascontiguousarray(read[..., :2]).view(np.complex64)[..., 0]
     return z, read[..., 2] > 0.99
 

@@ -17,7 +17,7 @@ from panoloc_mcl.robot.settings.config import ObservationSettings
 from panoloc_mcl.tools.datasets import Dataset
 
 # Counts up whenever the same settings give another map.
-_REVISION = 17
+_REVISION = 18
 
 
 def cached_map(dataset: Dataset, observation: ObservationSettings, seed: int, progress: Progress = no_progress) -> PanoramaMap:

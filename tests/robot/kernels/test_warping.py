@@ -4,6 +4,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from oracles import warping as naive
 from oracles.rooms import BareRoom
+from scipy.spatial.transform import Rotation
 
 from panoloc_mcl.robot.camera import PanoramaGeometry
 from panoloc_mcl.robot.kernels import warping
@@ -15,16 +16,6 @@ GEOMETRY = PanoramaGeometry(90, 36, -50.0, 25.0)
 RAYS = FloorRays.of(GEOMETRY, 0.6)
 ROOM = BareRoom()
 finite = st.floats(-1e6, 1e6)
-
-
-def some_profile(rng: np.random.Generator, columns: int = 90) -> np.ndarray:
-    """Walls with smooth parts, edges and single columns that stick out."""
-    waves = np.cos(np.arange(1, 4)[:, None] * naive.azimuths(columns) + rng.uniform(0.0, 6.0, (3, 1))).sum(axis=0)
-    profile = np.exp(0.2 * waves) * 2.5
-    start, width = rng.integers(columns), rng.integers(3, 20)
-    profile[(start + np.arange(width)) % columns] *= rng.uniform(0.4, 2.0)
-    profile[rng.integers(columns, size=2)] *= rng.uniform(0.5, 2.0, 2)
-    return profile
 
 
 @either
@@ -48,7 +39,7 @@ def test_arctan2_agrees_with_the_library(variant, y: float, x: float) -> None:
 @pytest.mark.parametrize(("dx", "dy"), [(0.0, 0.0), (0.3, -0.7), (-1.2, 0.4)])
 @pytest.mark.parametrize("source_columns", [90, 360])
 def test_warp_table_agrees_with_numpy(variant, dx: float, dy: float, source_columns: int) -> None:
-    profile = some_profile(np.random.default_rng(1))
+    profile = naive.some_profile(np.random.default_rng(1))
     arguments = (profile, RAYS.tangents, RAYS.floor, dx, dy, RAYS.top, RAYS.row_step, source_columns, 4)
     map_x, map_y = variant(warping.warp_table)(*arguments)
     expected_x, expected_y = naive.warp_table(*arguments)
@@ -63,9 +54,31 @@ def test_warp_table_agrees_with_numpy(variant, dx: float, dy: float, source_colu
 
 
 @either
+@given(
+    heading=st.floats(-np.pi, np.pi),
+    pitch=st.floats(-0.2, 0.2),
+    roll=st.floats(-0.2, 0.2),
+    stride=st.sampled_from([1, 2]),
+)
+def test_turned_table_agrees_with_rotated_rays(variant, heading: float, pitch: float, roll: float, stride: int) -> None:
+    turn = Rotation.from_rotvec([roll, pitch, 0.0])
+    tangents, azimuths = np.ascontiguousarray(RAYS.tangents[::stride]), naive.azimuths(90)[::stride].copy()
+    map_x, map_y = variant(warping.turned_table)(tangents, azimuths, heading, turn.as_matrix(), RAYS.top, RAYS.row_step, 90, 4)
+    assert map_x.dtype == map_y.dtype == np.float32
+    azimuth, elevation = np.meshgrid(azimuths - heading, np.arctan(tangents))
+    rays = np.stack([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=-1)
+    seen = turn.inv().apply(rays.reshape(-1, 3)).reshape(rays.shape)
+    expected_x = GEOMETRY.column_of_azimuth(np.arctan2(seen[..., 1], seen[..., 0])) + 4
+    expected_y = GEOMETRY.row_of_elevation(np.arcsin(seen[..., 2]))
+    assert np.abs((map_x - expected_x + 45) % 90 - 45).max() < 1e-4
+    assert np.abs(map_y - expected_y).max() < 1e-4
+    assert 4 <= map_x.min() <= map_x.max() <= 94
+
+
+@either
 @given(seed=st.integers(0, 10_000))
 def test_standing_still_is_the_identity(variant, seed: int) -> None:
-    profile = some_profile(np.random.default_rng(seed))
+    profile = naive.some_profile(np.random.default_rng(seed))
     map_x, map_y = variant(warping.warp_table)(profile, RAYS.tangents, RAYS.floor, 0.0, 0.0, RAYS.top, RAYS.row_step, 90, 4)
     columns, rows = np.meshgrid(np.arange(90), np.arange(36))
     assert np.abs(map_y - rows).max() < 1e-4
@@ -76,7 +89,7 @@ def test_standing_still_is_the_identity(variant, seed: int) -> None:
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize(("dx", "dy"), [(0.31, -0.22), (-0.6, 0.55), (5.0, 0.1)])
 def test_move_profile_agrees_with_a_search(variant, seed: int, dx: float, dy: float) -> None:
-    profile = some_profile(np.random.default_rng(seed))
+    profile = naive.some_profile(np.random.default_rng(seed))
     moved = variant(warping.move_profile)(profile, dx, dy)
     assert moved == pytest.approx(naive.move_profile(profile, dx, dy), rel=1e-9)
 
@@ -85,7 +98,7 @@ def test_move_profile_agrees_with_a_search(variant, seed: int, dx: float, dy: fl
 @given(seed=st.integers(0, 10_000), dx=st.floats(-30.0, 30.0), dy=st.floats(-30.0, 30.0))
 @example(seed=0, dx=1000.0, dy=300.0)
 def test_moved_profiles_are_finite_wherever_they_are_seen_from(variant, seed: int, dx: float, dy: float) -> None:
-    moved = variant(warping.move_profile)(some_profile(np.random.default_rng(seed)), dx, dy)
+    moved = variant(warping.move_profile)(naive.some_profile(np.random.default_rng(seed)), dx, dy)
     assert np.isfinite(moved).all()
     assert np.all(moved >= 0.0)
 
@@ -118,60 +131,6 @@ def test_a_hole_shows_the_farther_of_its_rims(variant) -> None:
     near = moved < 2.0
     assert 2 <= near.sum() <= 6
     assert moved[~near].min() > 3.0
-
-
-def smooth_features(rng: np.random.Generator, rows: int = 36, columns: int = 90) -> np.ndarray:
-    azimuth, row = naive.azimuths(columns)[None, :], np.arange(rows)[:, None]
-    waves = zip(rng.integers(-6, 7, 12), rng.uniform(-0.4, 0.4, 12), rng.standard_normal((12, 2)), strict=True)
-    return sum(complex(*a) * np.exp(1j * (m * azimuth + k * row)) for m, k, a in waves).astype(np.complex64)
-
-
-def equations(variant, view, view_usable, query, query_usable, profile, every=1, columns=None):
-    """Normal equations, and the sums of inner products and squared norms, as the oracle returns them."""
-    products = variant(warping.column_products)(
-        view, view_usable, query, query_usable, profile, RAYS.floor, RAYS.tangents, every
-    )
-    columns = np.ones(view.shape[1], dtype=bool) if columns is None else columns
-    return *variant(warping.normal_equations)(products, columns, RAYS.row_step), *products[-3:, columns].sum(axis=1)
-
-
-@pytest.mark.parametrize("every", [1, 2])
-@pytest.mark.parametrize("some", [False, True])
-def test_normal_equations_agree_with_numpy(variant, every: int, some: bool) -> None:
-    rng = np.random.default_rng(every)
-    view, query = smooth_features(rng), smooth_features(rng)
-    masks = rng.random((2, *view.shape)) < 0.8
-    profile = some_profile(rng)
-    columns = rng.random(view.shape[1]) < 0.6 if some else None
-    found = equations(variant, view, masks[0], query, masks[1], profile, every, columns)
-    rest = (RAYS.floor, RAYS.tangents, RAYS.row_step, every, columns)
-    expected = naive.normal_equations(view, masks[0], query, masks[1], profile, *rest)
-    for one, other in zip(found, expected, strict=True):
-        # Differences of single-precision features.
-        assert one == pytest.approx(other, rel=1e-4, abs=1e-5 * float(np.abs(other).max()))
-    assert np.array_equal(found[0], found[0].T)
-
-
-def test_nothing_in_common_gives_empty_equations(variant) -> None:
-    view = smooth_features(np.random.default_rng(0))
-    nowhere = np.zeros(view.shape, dtype=bool)
-    found = equations(variant, view, nowhere, view, ~nowhere, np.full(90, 2.0))
-    assert not any(np.any(part) for part in found)
-
-
-def test_products_hold_pixels_and_energies_of_their_column(variant) -> None:
-    rng = np.random.default_rng(5)
-    view, query = smooth_features(rng), smooth_features(rng)
-    usable = np.ones(view.shape, dtype=bool)
-    usable[:, 11] = False
-    arguments = (view, usable, query, usable, some_profile(rng), RAYS.floor, RAYS.tangents, 1)
-    products = variant(warping.column_products)(*arguments)
-    assert products.shape == (18, 90)
-    assert not products[:, 11].any()
-    assert products[14, 12] == 34
-    inner = naive.column_agreement(query[1:-1], usable[1:-1], view[1:-1], usable[1:-1])
-    for row, expected in zip(products[15:], inner, strict=True):
-        assert row == pytest.approx(expected, rel=1e-4, abs=1e-3)
 
 
 def test_column_agreement_agrees_with_numpy(variant) -> None:

@@ -1,0 +1,63 @@
+import numpy as np
+import pytest
+from oracles import warping as naive
+
+from panoloc_mcl.robot.camera import PanoramaGeometry
+from panoloc_mcl.robot.kernels import alignment
+from panoloc_mcl.robot.synthesis.views import FloorRays
+
+RAYS = FloorRays.of(PanoramaGeometry(90, 36, -50.0, 25.0), 0.6)
+
+
+def smooth_features(rng: np.random.Generator, rows: int = 36, columns: int = 90) -> np.ndarray:
+    azimuth, row = naive.azimuths(columns)[None, :], np.arange(rows)[:, None]
+    waves = zip(rng.integers(-6, 7, 12), rng.uniform(-0.4, 0.4, 12), rng.standard_normal((12, 2)), strict=True)
+    return sum(complex(*a) * np.exp(1j * (m * azimuth + k * row)) for m, k, a in waves).astype(np.complex64)
+
+
+def equations(variant, view, view_usable, query, query_usable, profile, every=1, columns=None):
+    """Normal equations, and the sums of inner products and squared norms, as the oracle returns them."""
+    products = variant(alignment.column_products)(
+        view, view_usable, query, query_usable, profile, RAYS.floor, RAYS.tangents, every
+    )
+    columns = np.ones(view.shape[1], dtype=bool) if columns is None else columns
+    return *variant(alignment.normal_equations)(products, columns, RAYS.row_step), *products[-3:, columns].sum(axis=1)
+
+
+@pytest.mark.parametrize("every", [1, 2])
+@pytest.mark.parametrize("some", [False, True])
+def test_normal_equations_agree_with_numpy(variant, every: int, some: bool) -> None:
+    rng = np.random.default_rng(every)
+    view, query = smooth_features(rng), smooth_features(rng)
+    masks = rng.random((2, *view.shape)) < 0.8
+    profile = naive.some_profile(rng)
+    columns = rng.random(view.shape[1]) < 0.6 if some else None
+    found = equations(variant, view, masks[0], query, masks[1], profile, every, columns)
+    rest = (RAYS.floor, RAYS.tangents, RAYS.row_step, every, columns)
+    expected = naive.normal_equations(view, masks[0], query, masks[1], profile, *rest)
+    for one, other in zip(found, expected, strict=True):
+        # Differences of single-precision features.
+        assert one == pytest.approx(other, rel=1e-4, abs=1e-5 * float(np.abs(other).max()))
+    assert np.array_equal(found[0], found[0].T)
+
+
+def test_nothing_in_common_gives_empty_equations(variant) -> None:
+    view = smooth_features(np.random.default_rng(0))
+    nowhere = np.zeros(view.shape, dtype=bool)
+    found = equations(variant, view, nowhere, view, ~nowhere, np.full(90, 2.0))
+    assert not any(np.any(part) for part in found)
+
+
+def test_products_hold_pixels_and_energies_of_their_column(variant) -> None:
+    rng = np.random.default_rng(5)
+    view, query = smooth_features(rng), smooth_features(rng)
+    usable = np.ones(view.shape, dtype=bool)
+    usable[:, 11] = False
+    arguments = (view, usable, query, usable, naive.some_profile(rng), RAYS.floor, RAYS.tangents, 1)
+    products = variant(alignment.column_products)(*arguments)
+    assert products.shape == (24, 90)
+    assert not products[:, 11].any()
+    assert products[20, 12] == 34
+    inner = naive.column_agreement(query[1:-1], usable[1:-1], view[1:-1], usable[1:-1])
+    for row, expected in zip(products[21:], inner, strict=True):
+        assert row == pytest.approx(expected, rel=1e-4, abs=1e-3)
