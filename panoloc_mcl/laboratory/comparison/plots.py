@@ -14,7 +14,7 @@ import numpy as np
 from panoloc_mcl.laboratory.comparison.pooling import Group
 from panoloc_mcl.laboratory.corruptions.recipe import CLEAN
 from panoloc_mcl.robot.files import write_atomically
-from panoloc_mcl.tools.evaluation.wilson import wilson95
+from panoloc_mcl.tools.evaluation.intervals import wilson95
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

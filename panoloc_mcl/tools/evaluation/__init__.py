@@ -4,7 +4,7 @@ from panoloc_mcl.tools.evaluation.definitions import METRICS_SCHEMA
 from panoloc_mcl.tools.evaluation.metrics import evaluate
 from panoloc_mcl.tools.evaluation.record import SequenceRecord
 from panoloc_mcl.tools.evaluation.tables import Row, Section, Table, metrics_table, paper_table
-from panoloc_mcl.tools.evaluation.wilson import wilson95
+from panoloc_mcl.tools.evaluation.intervals import bootstrap95, interval95_over_drives, wilson95
 
 __all__ = [
     "METRICS_SCHEMA",
@@ -12,7 +12,9 @@ __all__ = [
     "Section",
     "SequenceRecord",
     "Table",
+    "bootstrap95",
     "evaluate",
+    "interval95_over_drives",
     "metrics_table",
     "paper_table",
     "wilson95",

@@ -38,7 +38,7 @@ from panoloc_mcl.tools.evaluation.definitions import (
 )
 from panoloc_mcl.tools.evaluation.events import RunEvents, find_events
 from panoloc_mcl.tools.evaluation.record import SequenceRecord
-from panoloc_mcl.tools.evaluation.wilson import wilson95
+from panoloc_mcl.tools.evaluation.intervals import wilson95
 
 Metrics = dict[str, Any]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from panoloc_mcl.tools.evaluation.definitions import WITHIN_TIERS
-from panoloc_mcl.tools.evaluation.wilson import wilson95
+from panoloc_mcl.tools.evaluation.intervals import wilson95
 
 #: Stands where a figure does not apply.
 BLANK = "–"
