@@ -20,6 +20,7 @@ _COMMANDS = (
     "laboratory.cli.simulate",
     "tools.cli.build_map",
     "laboratory.cli.compare",
+    "laboratory.cli.study",
     "tools.cli.evaluate",
     "tools.cli.inspect",
     "tools.cli.plot",

@@ -6,7 +6,7 @@ import argparse
 import difflib
 import sys
 from collections.abc import Sequence
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from panoloc_mcl import __version__
 from panoloc_mcl.tools.cli.command import Command
@@ -14,6 +14,15 @@ from panoloc_mcl.tools.cli.command import Command
 
 class Parser(argparse.ArgumentParser):
     """Says what is wrong in one line, without the usage."""
+
+    #: Everything that an option can be called here, for "did you mean".
+    spellings: tuple[str, ...] = ()
+
+    def add_argument(self, *args: Any, **kwargs: Any) -> argparse.Action:
+        """Declare an argument, and remember how it is spelled."""
+        action = super().add_argument(*args, **kwargs)
+        self.spellings = (*self.spellings, *action.option_strings)
+        return action
 
     def error(self, message: str) -> NoReturn:
         """Print the line and leave with code 2."""
@@ -34,7 +43,8 @@ def parse(commands: Sequence[Command], argv: Sequence[str]) -> argparse.Namespac
     Returns
     -------
     Namespace
-        With ``command`` (a Command), ``debug`` and the command's own arguments.
+        With ``command`` (a Command), ``parser`` (the innermost, of a command below another), ``debug`` and the command's own
+        arguments.
 
     Raises
     ------
@@ -49,10 +59,9 @@ def parse(commands: Sequence[Command], argv: Sequence[str]) -> argparse.Namespac
     if args.command is None:
         parser.error("no command given")
     if unknown:
-        used = of_command[args.command.name]
-        options = [option for action in used._actions for option in action.option_strings]
+        used: Parser = args.parser
         # A word too many is no option in another spelling.
-        near = _nearest(unknown[0].partition("=")[0], options) if unknown[0].startswith("-") else ""
+        near = _nearest(unknown[0].partition("=")[0], used.spellings) if unknown[0].startswith("-") else ""
         used.error(f"cannot understand '{unknown[0]}'{near}")
     return args
 
@@ -75,7 +84,7 @@ def _build(commands: Sequence[Command]) -> tuple[Parser, dict[str, Parser]]:
         command.add_arguments(sub)
         sub.add_argument("--debug", action="store_true", help="show a traceback with known errors, too")
         sub.add_argument("--version", action="version", version=f"panoloc {__version__}")
-        sub.set_defaults(command=command)
+        sub.set_defaults(command=command, parser=sub)
         of_command[command.name] = sub
     return parser, of_command
 

@@ -37,8 +37,8 @@ from panoloc_mcl.tools.evaluation.definitions import (
     is_within,
 )
 from panoloc_mcl.tools.evaluation.events import RunEvents, find_events
-from panoloc_mcl.tools.evaluation.record import SequenceRecord
 from panoloc_mcl.tools.evaluation.intervals import wilson95
+from panoloc_mcl.tools.evaluation.record import SequenceRecord
 
 Metrics = dict[str, Any]
 

@@ -2,17 +2,14 @@ import numpy as np
 import pytest
 from oracles.scenes import grid, references, texture
 
+from panoloc_mcl.laboratory.studies import poses
+
 WORLD = references([texture(seed) for seed in range(6)], grid(3, 2))
 
 
-@pytest.fixture
-def script(load_script):
-    return load_script("pose_faults")
-
-
-def test_each_disturbance_is_what_it_is_called(script) -> None:
+def test_each_disturbance_is_what_it_is_called() -> None:
     swapped, neighbours, shifted, turned = (
-        script.disturbed(WORLD, kind, np.random.default_rng(seed)) for seed, kind in enumerate(script.KINDS)
+        poses.disturbed(WORLD, kind, np.random.default_rng(seed)) for seed, kind in enumerate(poses.KINDS)
     )
     for world, bad in (swapped, neighbours):
         first, second = bad
@@ -31,12 +28,21 @@ def test_each_disturbance_is_what_it_is_called(script) -> None:
         assert np.array_equal(world.pixels[good], WORLD.pixels[good])
 
 
-def test_disturbing_all_names_nobody(script) -> None:
-    world, bad = script.disturbed(WORLD, script.RMS, np.random.default_rng(0))
+def test_disturbing_all_names_nobody() -> None:
+    world, bad = poses.disturbed(WORLD, poses.RMS, np.random.default_rng(0))
     assert bad == []
     assert 0.01 < np.std(world.positions - WORLD.positions) < 0.03
 
 
-def test_only_what_is_near_the_disturbed_ones_is_looked_at(script) -> None:
-    part = script.near(WORLD, WORLD, [0], 1.1)
+def test_only_what_is_near_the_disturbed_ones_is_looked_at() -> None:
+    part = poses.near(WORLD, WORLD, [0], 1.1)
     assert part.names == ("ref_0.png", "ref_1.png", "ref_3.png")
+
+
+def test_a_wrong_pose_is_refused_and_no_right_one(ask, small_room):
+    answer = ask("study", "poses", "--dataset", small_room.path, "--draws", "1")
+    assert answer.code == 0
+    rows = {row["disturbance"]: row for row in answer.rows()}
+    assert list(rows) == ["as it is", *poses.KINDS, poses.RMS]
+    assert rows["as it is"]["right poses refused"] == "0 of 12"
+    assert rows[poses.SWAP]["wrong poses refused (95 %)"]["trials"] == 2
