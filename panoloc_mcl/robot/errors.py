@@ -40,6 +40,10 @@ class MapError(PanolocError):
     """A map that cannot be built, read, or used with this camera or configuration."""
 
 
+class MeasurementError(PanolocError, ValueError):
+    """A time stamp or a pose handed to the localizer that is none: text, nothing, or another number of values."""
+
+
 class StateError(PanolocError):
     """A saved state of a localizer that is damaged, or was saved with another map or other settings."""
 

@@ -13,20 +13,29 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from threadpoolctl import ThreadpoolController
 
 from panoloc_mcl.robot.camera import Camera
 from panoloc_mcl.robot.errors import ConfigError, ImageError, StateError
 from panoloc_mcl.robot.files import read_arrays, write_arrays
-from panoloc_mcl.robot.filters import Estimate, KalmanOrientationFilter, MonteCarloFilter, OdometryOnlyFilter, PoseFilter, Start
+from panoloc_mcl.robot.filters import (
+    Estimate,
+    KalmanOrientationFilter,
+    MonteCarloFilter,
+    OdometryOnlyFilter,
+    PoseFilter,
+    Sightings,
+    Start,
+)
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
-from panoloc_mcl.robot.motion import ImageClock, Motion, OdometryBuffer, blind
+from panoloc_mcl.robot.motion import ImageClock, Motion, OdometryBuffer, blind, is_possible, planar_pose, seconds
 from panoloc_mcl.robot.observation import ObservationModel, Places, VoteField
 from panoloc_mcl.robot.observation.field import silent_field
+from panoloc_mcl.robot.reasons import Finding, Reason
 from panoloc_mcl.robot.settings.config import LocalizerConfig
 from panoloc_mcl.robot.settings.localizer import InitialPose, LocalizerSettings
+from panoloc_mcl.robot.single_blas import one_blas_thread
 
-STATE_FORMAT = "panoloc-state/3"
+STATE_FORMAT = "panoloc-state/4"
 
 
 class Localizer:
@@ -50,8 +59,8 @@ class Localizer:
 
     Raises
     ------
-    ConfigError
-        ``initial`` asks for a start pose and there is none.
+    ConfigError, MeasurementError
+        ``initial`` asks for a start pose and there is none, or one that cannot be.
     MapError, CameraError
         The map does not fit the camera.
     """
@@ -77,11 +86,11 @@ class Localizer:
         rng = np.random.default_rng(config.seed if seed is None else seed)
         self._filter = self._make_filter(self._observation.places, _start(self.settings, start_pose), rng)
         self._clock = ImageClock(self.settings.motion, self._odometry)
+        self._sightings = Sightings(self.settings.status)
         self._reported: dict[str, int] = {}
         # The next image counts whatever the motion gate says.
         self._forced = False
         self.images_skipped = 0
-        self._blas = ThreadpoolController()
 
     def _make_filter(self, places: Places, start: Start, rng: np.random.Generator) -> PoseFilter:
         if self.settings.mode == "monte_carlo":
@@ -96,49 +105,60 @@ class Localizer:
         Parameters
         ----------
         timestamp : float
-            Seconds.
+            Seconds; or a datetime, or a ROS stamp.
         pose : array_like of float, shape (3,)
             x, y, heading in the odometry frame, metres and radians. One that is not finite is left out and counted.
-        """
-        self._odometry.add(timestamp, np.asarray(pose, dtype=np.float64))
 
-    def add_image(self, timestamp: float, image: NDArray[Any]) -> Estimate | None:
+        Raises
+        ------
+        MeasurementError
+            The stamp tells no time, or the pose has not three numbers.
+        """
+        self._odometry.add(seconds(timestamp), planar_pose(pose, "odometry pose"))
+
+    def add_image(self, timestamp: float, image: NDArray[Any] | ImageError) -> Estimate | None:
         """Take one image as the camera delivers it.
 
         Parameters
         ----------
         timestamp : float
-            Seconds; may be earlier than that of the image before, within the odometry that is kept.
+            Seconds, or a datetime, or a ROS stamp; may be earlier than that of the image before, within the odometry that is kept.
         image : ndarray of uint8 or uint16, shape (rows, columns) or (rows, columns, 3 or 4)
-            Grey, or colour in OpenCV's order.
+            Grey, or colour in OpenCV's order. Instead, the `ImageError` that reading it gave: it is then a bad image like any other.
 
         Returns
         -------
         Estimate or None
             None while the motion gate is shut. An image that cannot be used is skipped and counted; the estimate then rests on
             odometry alone and says why. After a late image the estimate is that of the newest image's time, bettered by the late one.
+
+        Raises
+        ------
+        MeasurementError
+            The stamp tells no time.
         """
         stage_ms: dict[str, float] = {}
+        timestamp = seconds(timestamp)
         problem = self._clock.problem(timestamp)
         if problem:
             self.images_skipped += 1
-            return self._estimate(problem, None, stage_ms)
+            self._sightings.left_out(problem.reason)
+            return self._estimate([problem], None, stage_ms)
         note = self._follow_clock(timestamp)
         motion, offset = self._motion_to(timestamp)
         if not self._gate_opens(motion if offset is None else offset):
             return None
-        # One BLAS thread: products this small gain nothing from more, and sums come out the same on every machine.
-        with self._blas.limit(limits=1, user_api="blas"):
+        with one_blas_thread():
             with _timed(stage_ms, "predict"):
                 self._filter.propagate(motion)
                 headings = self._filter.heading_hypotheses(offset)
             with _timed(stage_ms, "observe"):
-                votes = self._observe(image, headings)
+                votes, found = self._observe(image, headings)
             with _timed(stage_ms, "update"):
                 self._filter.update(votes, offset)
             self._clock.fuse(timestamp)
             self._forced = False
-            return self._estimate("; ".join(part for part in (note, votes.problem) if part), votes, stage_ms)
+            return self._estimate([note, found], votes, stage_ms)
 
     def force_update(self) -> None:
         """Let the next image count, whatever the motion gate says: for a robot that stands and is to look again."""
@@ -154,15 +174,15 @@ class Localizer:
         """The places that images vote for."""
         return self._observation.places
 
-    def _follow_clock(self, timestamp: float) -> str:
+    def _follow_clock(self, timestamp: float) -> Finding:
         """If two images agree that the clock has jumped, go on by the new time; what happened meanwhile is unknown."""
         jump = self._clock.follow(timestamp)
         if jump is None:
-            return ""
+            return Finding()
         # The robot was moving for some time that the clock does not tell.
         unknown = self.settings.motion.clock_jump_s
         self._filter.propagate(blind(Motion(np.zeros(3), duration_s=unknown), unknown, self.settings.motion))
-        return f"image stamps jumped by {jump:+.3f} s; going on from there"
+        return Finding(f"image stamps jumped by {jump:+.3f} s; going on from there", Reason.CLOCK_JUMPED)
 
     def _motion_to(self, timestamp: float) -> tuple[Motion, Motion | None]:
         """Motion of the belief up to an image; for a late one none, but the way back from the belief's time to the image's."""
@@ -179,25 +199,48 @@ class Localizer:
         turned = gate.angle_deg > 0.0 and motion.turn >= math.radians(gate.angle_deg)
         return moved or turned
 
-    def _observe(self, image: NDArray[Any], headings: NDArray[np.float64] | None) -> VoteField:
-        """Vote field of an image; one that cannot be used gives a field that is silent and says why."""
+    def _observe(self, image: NDArray[Any] | ImageError, headings: NDArray[np.float64] | None) -> tuple[VoteField, Finding]:
+        """Vote field of an image, and what is wrong with it; one that cannot be used gives a field that is silent."""
         try:
+            if isinstance(image, ImageError):
+                raise image
             votes = self._observation.observe(self._unwrap(image), headings)
+            # Only an image that was held against the map has a confidence.
+            reason = Reason.IMAGE_BLANK if math.isnan(votes.confidence) else Reason.FITS_NOWHERE
         except ImageError as error:
             asked = np.zeros(1) if headings is None else headings
             votes = silent_field(asked, self._observation.places, str(error), full_circle=headings is None)
-        self.images_skipped += not votes.informative
-        return votes
+            reason = Reason.IMAGE_UNUSABLE
+        if votes.informative:
+            self._sightings.counted()
+            return votes, Finding()
+        self.images_skipped += 1
+        self._sightings.left_out(reason)
+        return votes, Finding(votes.problem, reason)
 
-    def _estimate(self, problem: str, votes: VoteField | None, stage_ms: dict[str, float]) -> Estimate:
+    def _estimate(self, findings: list[Finding], votes: VoteField | None, stage_ms: dict[str, float]) -> Estimate:
         with _timed(stage_ms, "estimate"):
             state = self._filter.state()
-        best = state.clusters[0]
-        message = "; ".join(part for part in (problem, self._news_of_odometry()) if part)
-        time_of_belief = math.nan if self._clock.now is None else self._clock.now
-        return Estimate(time_of_belief, best.pose, best.covariance, state.status, message, state, votes, stage_ms)
+        best, now = state.clusters[0], self._clock.now
+        # A belief that an image was left out of may stand at an old time.
+        outdated = votes is None and now is not None and self._odometry.newest > now
+        since = self._odometry.motion(now, self._odometry.newest) if now is not None and outdated else None
+        status, doubt = self._sightings.judge(state.status, since)
+        found = [finding for finding in (*findings, self._news_of_odometry(), doubt) if finding]
+        reasons = dict.fromkeys(finding.reason for finding in found if finding.reason is not None)
+        return Estimate(
+            timestamp=math.nan if now is None else now,
+            pose=best.pose,
+            covariance=best.covariance,
+            status=status,
+            message="; ".join(found),
+            state=state,
+            vote_field=votes,
+            stage_ms=stage_ms,
+            reasons=tuple(reasons),
+        )
 
-    def _news_of_odometry(self) -> str:
+    def _news_of_odometry(self) -> Finding:
         """What odometry was left out since the last answer, and what else befell it."""
         parts, counts = [], {}
         for reason, count in self._odometry.rejected.items():
@@ -210,7 +253,7 @@ class Localizer:
             if count > self._reported.get(event, 0):
                 parts.append(f"odometry: {event}")
         self._reported = counts
-        return ", ".join(parts)
+        return Finding(", ".join(parts), Reason.ODOMETRY_LEFT_OUT)
 
     def save_state(self, path: str | Path) -> None:
         """Save all that the next estimate depends on, whole or not at all: a localizer that loads it goes on to the last bit.
@@ -236,6 +279,7 @@ class Localizer:
             "filter": filter_header,
             "odometry": odometry_header,
             "clock": self._clock.snapshot(),
+            "sightings": self._sightings.snapshot(),
             "reported": self._reported,
             "forced": self._forced,
             "images_skipped": self.images_skipped,
@@ -281,12 +325,14 @@ class Localizer:
         odometry.restore(part("odometry"), header["odometry"])
         clock = ImageClock(self.settings.motion, odometry)
         clock.restore(header["clock"])
+        sightings = Sightings(self.settings.status)
+        sightings.restore(header["sightings"])
         values = {f"_{name}": header[name] for name in ("reported", "forced")}
         skipped = int(header["images_skipped"])
         # The last that can fail; it changes nothing if it does.
         self._filter.restore(part("filter"), header["filter"])
         vars(self).update(values)
-        self._odometry, self._clock, self.images_skipped = odometry, clock, skipped
+        self._odometry, self._clock, self._sightings, self.images_skipped = odometry, clock, sightings, skipped
 
     def _map_fingerprint(self) -> str:
         references = self._map.references
@@ -331,7 +377,10 @@ def _start(settings: LocalizerSettings, start_pose: tuple[float, float, float] |
             f"localizer.initial = {initial}: needs a start pose (a sequence with ground truth, or the argument start_pose); "
             "give a mapping x, y, heading_deg, or use uniform"
         )
-    x, y, heading = start_pose
+    pose = planar_pose(start_pose, "start_pose")
+    if not is_possible(pose):
+        raise ConfigError(f"start_pose = {start_pose}: no robot can be there; give x, y in metres and the heading in radians")
+    x, y, heading = pose.tolist()
     return Start((x, y) if initial == "known_pose" else None, heading + math.radians(settings.initial_heading_error_deg))
 
 

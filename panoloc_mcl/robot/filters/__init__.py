@@ -7,6 +7,7 @@ from panoloc_mcl.robot.filters.estimate import Cluster, Estimate, FilterState, S
 from panoloc_mcl.robot.filters.kalman_orientation import KalmanOrientationFilter
 from panoloc_mcl.robot.filters.monte_carlo import MonteCarloFilter
 from panoloc_mcl.robot.filters.odometry_only import OdometryOnlyFilter
+from panoloc_mcl.robot.filters.sightings import Sightings
 
 __all__ = [
     "Cluster",
@@ -16,6 +17,7 @@ __all__ = [
     "MonteCarloFilter",
     "OdometryOnlyFilter",
     "PoseFilter",
+    "Sightings",
     "Start",
     "Status",
 ]

@@ -6,8 +6,10 @@ they save; they are asked for, never assumed.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 BLOCK = 8192
 
@@ -21,14 +23,22 @@ class Blocks:
     """
 
     def __init__(self, threads: int) -> None:
-        self._pool = ThreadPoolExecutor(threads, thread_name_prefix="particles") if threads > 1 else None
+        self._threads = threads
+        # Made when it is first needed, by the process that needs it: threads do not live on in a fork, nor in a copy.
+        self._pool: ThreadPoolExecutor | None = None
+        self._process = 0
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"_threads": self._threads, "_pool": None, "_process": 0}
 
     def each(self, work: Callable[[slice], None], count: int) -> None:
         """``work(block)`` for slices that cover ``count`` particles; it writes its result itself."""
         blocks = [slice(start, min(start + BLOCK, count)) for start in range(0, count, BLOCK)]
-        if self._pool is None or len(blocks) == 1:
+        if self._threads == 1 or len(blocks) == 1:
             for block in blocks:
                 work(block)
-        else:
-            # A list: errors in a thread are raised here.
-            list(self._pool.map(work, blocks))
+            return
+        if self._pool is None or self._process != os.getpid():
+            self._pool, self._process = ThreadPoolExecutor(self._threads, thread_name_prefix="particles"), os.getpid()
+        # A list: errors in a thread are raised here.
+        list(self._pool.map(work, blocks))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.robot.observation.field import VoteField
+from panoloc_mcl.robot.reasons import Reason
 
 Float64 = NDArray[np.float64]
 
@@ -19,13 +20,15 @@ class Status(StrEnum):
 
     SEARCHING: the belief is spread out. CONVERGED: one compact cluster holds nearly all of it. AMBIGUOUS: two or more clusters hold
     much of it. LOST: it had converged, but the images no longer fit, the last one says that the robot is likely elsewhere, or it
-    refutes the pose that the answer before was sure of.
+    refutes the pose that the answer before was sure of. STALE: it was sure once, but no image has counted for as long as odometry can
+    be trusted, or odometry has led away from the pose of the last one that counted.
     """
 
     SEARCHING = "searching"
     CONVERGED = "converged"
     AMBIGUOUS = "ambiguous"
     LOST = "lost"
+    STALE = "stale"
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +113,8 @@ class Estimate:
     status : Status
     message : str
         What was wrong with this image or with odometry since the last one; empty when nothing was.
+    reasons : tuple of Reason
+        The same for programs.
     state : FilterState
         Clusters, particle count, N_eff and the other figures behind the status.
     vote_field : VoteField or None
@@ -126,6 +131,7 @@ class Estimate:
     state: FilterState
     vote_field: VoteField | None
     stage_ms: dict[str, float] = field(default_factory=dict)
+    reasons: tuple[Reason, ...] = ()
 
     @property
     def clusters(self) -> tuple[Cluster, ...]:

@@ -7,7 +7,9 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from panoloc_mcl.robot.motion.measured import unit_of
 from panoloc_mcl.robot.motion.odometry import OdometryBuffer
+from panoloc_mcl.robot.reasons import Finding, Reason
 from panoloc_mcl.robot.settings.localizer import MotionSettings
 
 
@@ -37,20 +39,24 @@ class ImageClock:
         # Time stamp of the last image that was left out because it is so far from the others.
         self._suspect: float | None = None
 
-    def problem(self, timestamp: float) -> str:
+    def problem(self, timestamp: float) -> Finding:
         """Why the time stamp of an image cannot be used; empty when it can."""
         if not math.isfinite(timestamp):
-            return "image skipped: its time stamp is not finite"
+            return Finding("image skipped: its time stamp is not finite", Reason.STAMP_INVALID)
+        if unit := unit_of(timestamp):
+            return Finding(f"image skipped: time stamp {timestamp:g} looks like {unit}; give seconds", Reason.STAMP_UNIT)
         if self.now is None:
-            return ""
+            return Finding()
         if timestamp in self._fused:
-            return f"image skipped: time stamp {timestamp:.9f} came twice"
+            return Finding(f"image skipped: time stamp {timestamp:.9f} came twice{_coarse(timestamp)}", Reason.STAMP_TWICE)
         if self._late_from() <= timestamp <= self._ahead_to() or self._agrees(timestamp):
-            return ""
+            return Finding()
         self._suspect = timestamp
         if timestamp < self.now:
-            return f"image skipped: {self.now - timestamp:.3f} s late, before the odometry that is kept"
-        return f"image skipped: its time stamp is {timestamp - self.now:.3f} s ahead; used only if the next one agrees"
+            late = f"{self.now - timestamp:.3f} s late, before the odometry that is kept"
+            return Finding(f"image skipped: {late}", Reason.STAMP_LATE)
+        ahead = f"{timestamp - self.now:.3f} s ahead{_coarse(timestamp)}"
+        return Finding(f"image skipped: its time stamp is {ahead}; used only if the next one agrees", Reason.STAMP_AHEAD)
 
     def follow(self, timestamp: float) -> float | None:
         """Seconds that the clock has jumped by, if an image of which there is no `problem` shows that it has; time goes on there."""
@@ -102,3 +108,8 @@ class ImageClock:
         now, suspect = (None if values[name] is None else float(values[name]) for name in ("now", "suspect"))
         self._fused = [float(time) for time in values["fused"]]
         self.now, self._suspect = now, suspect
+
+
+def _coarse(timestamp: float) -> str:
+    """Says of a stamp since 1970 that it went through single precision, which knows such times to two minutes."""
+    return " (stamps of single precision: keep them in doubles)" if timestamp > 1e8 and timestamp % 128.0 == 0.0 else ""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.robot.geometry import angle_difference, between, compose, interpolate, inverse, wrap_angle
+from panoloc_mcl.robot.motion.measured import is_possible, planar_pose, unit_of
 from panoloc_mcl.robot.motion.models import NOISE_MODELS, Motion, blind, taken_apart
 from panoloc_mcl.robot.settings.localizer import MotionSettings
 
@@ -69,11 +70,13 @@ class OdometryBuffer:
         bool
             Whether it was taken.
         """
-        pose = np.asarray(pose, dtype=np.float64)
-        if pose.shape != (3,):
-            raise ValueError(f"odometry pose has shape {pose.shape}, needs (3,): x, y, theta")
+        pose = planar_pose(pose, "odometry pose")
         if not (math.isfinite(timestamp) and np.isfinite(pose).all()):
             return self._reject("not finite")
+        if unit := unit_of(timestamp):
+            return self._reject(f"time stamps look like {unit}, give seconds")
+        if not is_possible(pose):
+            return self._reject("no robot can be that far off")
         # A copy: callers may fill the same array again and again.
         raw = np.array([pose[0], pose[1], wrap_angle(pose[2])])
         if self._times and not self._clock_fits(timestamp, raw):

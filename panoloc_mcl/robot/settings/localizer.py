@@ -12,6 +12,7 @@ from panoloc_mcl.robot.settings.validation import StrictModel
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 Positive = Annotated[float, Field(gt=0.0)]
 NonNegative = Annotated[float, Field(ge=0.0)]
+Coordinate = Annotated[float, Field(ge=-1e8, le=1e8)]
 
 # Of a particle, at the peak of a cycle: poses before and after resampling, weights and indices.
 BYTES_PER_PARTICLE = 64
@@ -39,8 +40,8 @@ def fitting_memory(count: int) -> int:
 class InitialPose(StrictModel):
     """A start pose with standard deviations."""
 
-    x: float = Field(description="Position in the map frame, m.")
-    y: float = Field(description="Position in the map frame, m.")
+    x: Coordinate = Field(description="Position in the map frame, m.")
+    y: Coordinate = Field(description="Position in the map frame, m.")
     heading_deg: float = Field(description="Heading, counter-clockwise from the map's x axis, degrees.")
     sd_position_m: NonNegative = Field(0.2, le=1e3, description="Standard deviation of x and of y, m.")
     sd_heading_deg: NonNegative = Field(5.0, le=180.0, description="Standard deviation of the heading, degrees.")
@@ -223,6 +224,11 @@ class StatusSettings(StrictModel):
         0.1,
         description="… or an image says with at least this probability that the robot is elsewhere, or refutes the pose that the last "
         "answer was sure of.",
+    )
+    stale_images: Annotated[int, Field(ge=1)] = Field(
+        5,
+        description="Stale: after having been converged, so many images in a row did not count, whatever the reason, or odometry has "
+        "led farther from the last one that did than a belief that is sure may be wide.",
     )
 
 

@@ -201,4 +201,12 @@ def all_observation_settings() -> type[ObservationSettings]:
     for name, settings in installed.items():
         if name != "votes":
             fields[name] = (settings, Field(default_factory=settings, description=f"Settings of the model `{name}`."))
-    return create_model("ObservationSettings", __base__=ObservationSettings, __doc__=ObservationSettings.__doc__, **fields)
+    doc = ObservationSettings.__doc__
+    return create_model("AllObservationSettings", __base__=ObservationSettings, __module__=__name__, __doc__=doc, **fields)
+
+
+def __getattr__(name: str) -> Any:
+    # Where pickle looks the class up.
+    if name == "AllObservationSettings":
+        return all_observation_settings()
+    raise AttributeError(f"module '{__name__}' has no attribute '{name}'")

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -105,6 +105,10 @@ class PoseRefiner:
         self._tree = cKDTree(synthesizer.references.positions)
         # Not of a method: what is kept would keep the refiner, and itself, until the garbage is collected.
         self._source_planes = lru_cache(maxsize=_KEPT_FEATURES)(partial(_source_planes, synthesizer.references, settings))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Pickled without what it keeps.
+        return PoseRefiner, (self._synthesizer, self._settings)
 
     def refine(self, z: Complex64, usable: Bool, pose: Float64) -> PoseMeasurement:
         """Refine a pose that is right to a few decimetres and degrees.

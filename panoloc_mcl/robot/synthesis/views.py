@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
+from typing import Any
 
 import cv2
 import numpy as np
@@ -79,6 +80,10 @@ class ViewSynthesizer:
         # Not of a method, which would keep the synthesiser itself until the garbage is collected.
         self._padded = lru_cache(maxsize=_KEPT_IMAGES)(partial(_padded, references))
         self._padded_valid = lru_cache(maxsize=_KEPT_IMAGES)(partial(_padded_valid, references))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Pickled without what it keeps.
+        return ViewSynthesizer, (self.references, self.profiles, self.camera_height_m, self.alone)
 
     @cached_property
     def _sources(self) -> NDArray[np.int64]:

@@ -12,7 +12,7 @@ from panoloc_mcl.robot.geometry import FloatArray
 
 METRICS_SCHEMA = "panoloc-metrics/1"
 
-STATUSES = ("searching", "converged", "ambiguous", "lost")
+STATUSES = ("searching", "converged", "ambiguous", "lost", "stale")
 
 #: A robot knows where it is: errors under these, metres and degrees.
 GOOD_POSITION_M = 0.5

@@ -30,7 +30,7 @@ class SequenceRecord:
     truth : ndarray of float64, shape (n, 3), or None
         True poses at the same stamps.
     status : tuple of str, length n
-        Each of searching, converged, ambiguous, lost.
+        Each of searching, converged, ambiguous, lost, stale.
     best_place : ndarray of int64, shape (n,)
         Index of the reported place, -1 for none.
     step_ms : ndarray of float64, shape (n,)

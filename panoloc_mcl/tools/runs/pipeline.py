@@ -269,11 +269,12 @@ def answers(localizer: Localizer, drive: Drive) -> Iterator[tuple[int, Estimate]
         while odometry is not None and pending < len(odometry) and (pending == 0 or odometry.times[pending - 1] < timestamp):
             localizer.add_odometry(float(odometry.times[pending]), odometry.poses[pending])
             pending += 1
+        image: NDArray[Any] | ImageError
         try:
-            image: NDArray[Any] = read_image(file)
-        except ImageError:
-            # A frame that cannot be decoded is a bad frame like any other: skipped, counted, and named in the status.
-            image = np.empty((0, 0), dtype=np.uint8)
+            image = read_image(file)
+        except ImageError as error:
+            # A frame that cannot be decoded is a bad frame like any other: skipped, counted, and told with its reason.
+            image = error
         estimate = localizer.add_image(float(timestamp), image)
         if estimate is not None:
             yield index, replace(estimate, timestamp=float(timestamp))

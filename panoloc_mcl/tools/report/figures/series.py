@@ -70,7 +70,7 @@ def _status(axes: Axes, record: SequenceRecord, steps: Mapping[str, FloatArray],
         if not here.any():
             continue
         # Each has a hatch of its own, for print without colours.
-        hatch = {"searching": "////", "converged": "", "ambiguous": "xxxx", "lost": "...."}[status]
+        hatch = {"searching": "////", "converged": "", "ambiguous": "xxxx", "lost": "....", "stale": "----"}[status]
         axes.bar(
             seconds[here],
             np.ones(here.sum()),

@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 WIDTH_IN = 4.5
 BLUE, ORANGE, GREEN, RED = "#0072b2", "#e69f00", "#009e73", "#d55e00"
 PINK, SKY, YELLOW = "#cc79a7", "#56b4e9", "#f0e442"
-# The four of them that are farthest apart for readers without red or green cones.
-STATUS_COLORS = {"searching": SKY, "converged": BLUE, "ambiguous": YELLOW, "lost": RED}
+# The four of them that are farthest apart for readers without red or green cones, and nearly black.
+STATUS_COLORS = {"searching": SKY, "converged": BLUE, "ambiguous": YELLOW, "lost": RED, "stale": "#222222"}
 # Of text on them.
-STATUS_INK = {"searching": "#000000", "converged": "#ffffff", "ambiguous": "#000000", "lost": "#ffffff"}
+STATUS_INK = {"searching": "#000000", "converged": "#ffffff", "ambiguous": "#000000", "lost": "#ffffff", "stale": "#ffffff"}
 #: From no votes to the most.
 VOTE_COLORS = ("#f4f8fb", "#cfe2ef", "#7fb3d5", BLUE)
 #: Endings of the files that figures can be written to.

@@ -6,7 +6,7 @@
   // Okabe & Ito's colours, which colour-blind readers tell apart; each status has a shade of its own, too.
   const STATUS = {
     searching: ["#56b4e9", "searching"], converged: ["#0072b2", "converged"],
-    ambiguous: ["#f0e442", "ambiguous"], lost: ["#d55e00", "lost"],
+    ambiguous: ["#f0e442", "ambiguous"], lost: ["#d55e00", "lost"], stale: ["#222222", "stale"],
   };
   const STAGES = ["#0072b2", "#e69f00", "#56b4e9", "#f0e442", "#009e73", "#d55e00"];
   const FRAME_MS = 350;
@@ -113,7 +113,7 @@
       const base = those.map((spell) => spell.start), x = those.map((spell) => spell.end - spell.start);
       traces.push({
         type: "bar", orientation: "h", name, base, x: x.length ? x : [null], y: (x.length ? x : [0]).map(() => "status"), width: 0.8,
-        marker: { color, line: { width: 0 }, pattern: { shape: { searching: "/", converged: "", ambiguous: "x", lost: "\\" }[status], solidity: 0.2, fillmode: "overlay", fgcolor: "rgba(0,0,0,0.55)", size: 7 } },
+        marker: { color, line: { width: 0 }, pattern: { shape: { searching: "/", converged: "", ambiguous: "x", lost: "\\", stale: "-" }[status], solidity: 0.2, fillmode: "overlay", fgcolor: "rgba(0,0,0,0.55)", size: 7 } },
         hovertemplate: `${name} from %{base} s<extra></extra>`,
       });
     }
