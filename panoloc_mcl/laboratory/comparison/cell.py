@@ -1,9 +1,12 @@
-"""One cell of a comparison: run it, key it by all that it depends on, keep it in a file, read it back."""
+"""One cell of a comparison: key it by all that it depends on, and run it."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import os
+import re
+import shutil
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,63 +21,34 @@ from threadpoolctl import threadpool_limits
 
 from panoloc_mcl import __version__
 from panoloc_mcl.laboratory.comparison.matrix import Cell
-from panoloc_mcl.laboratory.corruptions import Recipe, parse_recipe
+from panoloc_mcl.laboratory.comparison.runs import FORMAT, Failure, Overheard, Runs
+from panoloc_mcl.laboratory.corruptions import Recipe, corrupt, parse_recipe
+from panoloc_mcl.laboratory.corruptions.recipe import CLEAN
 from panoloc_mcl.robot.camera import Panorama, to_mapping
-from panoloc_mcl.robot.errors import DatasetError, PanolocError, ResultsError
-from panoloc_mcl.robot.files import read_arrays, write_arrays
-from panoloc_mcl.robot.geometry import FloatArray
+from panoloc_mcl.robot.errors import DatasetError, PanolocError
+from panoloc_mcl.robot.files import cache_folder
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.observation import ObservationModel, VoteField, model_named
 from panoloc_mcl.tools.config import RunConfig
 from panoloc_mcl.tools.datasets import Dataset, read_dataset, resolve_dataset
 from panoloc_mcl.tools.datasets import Sequence as Drive
 from panoloc_mcl.tools.datasets.thinning import thinned
-from panoloc_mcl.tools.evaluation import SequenceRecord
-from panoloc_mcl.tools.evaluation.definitions import STATUSES
 from panoloc_mcl.tools.runs.map_cache import cached_map
 from panoloc_mcl.tools.runs.pipeline import Task, check_task, localize, make_tasks
 
-FORMAT = "panoloc-cell/1"
 # Parts that change no figure.
-_WITHOUT_FIGURES = ("cli/", "comparison/", "report/", "simulation/", "__init__.py")
+_WITHOUT_FIGURES = (
+    "__init__.py",
+    "tools/cli/",
+    "tools/report/",
+    "laboratory/cli/",
+    "laboratory/comparison/",
+    "laboratory/simulation/",
+)
 _MAPS_KEPT = 4
-# Of a record, in the file of a cell; besides them status and truth.
-_ARRAYS = ("times", "poses", "best_place", "step_ms", "kidnapped")
 
 # One cell at a time in a process: limits of BLAS hold for all of its threads.
 _LOCK = Lock()
-
-
-@dataclass(frozen=True, eq=False)
-class Runs:
-    """What a cell gave.
-
-    Parameters
-    ----------
-    records : tuple of SequenceRecord
-        One a sequence.
-    places : float64 (P, 2)
-        Positions of the references; ``best_place`` of the records counts in them.
-    """
-
-    records: tuple[SequenceRecord, ...]
-    places: FloatArray
-
-
-@dataclass(frozen=True)
-class Failure:
-    """A cell that could not be run.
-
-    Parameters
-    ----------
-    text : str
-        Why, in one line.
-    unfit : bool
-        It is the worker that lacks something, not the cell that is wrong.
-    """
-
-    text: str
-    unfit: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +80,8 @@ def make_job(cell: Cell, dataset: Dataset) -> Job:
     DatasetError
         Files of the data set, or the map, cannot be read.
     """
-    data = data_digest(dataset, cell.config)
+    recipe = parse_recipe(cell.condition["corruption"])
+    data = data_digest(dataset, cell.config, whole=recipe.changes_data)
     settings = cell.config.model_dump(mode="json")
     # Where things lie and how many threads work changes no figure.
     for name in ("name", "dataset", "out", "map"):
@@ -119,10 +94,12 @@ def make_job(cell: Cell, dataset: Dataset) -> Job:
         "corruption": cell.condition["corruption"],
         "references": cell.method["references"],
         "frames": cell.frames,
+        "every": cell.every,
         "data": data,
     }
     key = hashlib.sha256(json.dumps(description, sort_keys=True).encode()).hexdigest()[:32]
-    return Job(cell, data, key, json.dumps(_key_of_map(cell, dataset)))
+    of_map = _key_of_map(cell, dataset)
+    return Job(cell, data, key, json.dumps((of_map, recipe.text, cell.config.seed) if recipe.changes_data else of_map))
 
 
 @lru_cache(maxsize=1)
@@ -132,15 +109,15 @@ def code_digest() -> str:
     digest = hashlib.sha256(__version__.encode())
     for file in sorted(root.rglob("*.py")):
         name = file.relative_to(root).as_posix()
-        if not name.startswith(_WITHOUT_FIGURES) or name == "comparison/cell.py":
+        if not name.startswith(_WITHOUT_FIGURES) or name == "laboratory/comparison/cell.py":
             digest.update(name.encode() + file.read_bytes())
     return digest.hexdigest()[:16]
 
 
-def data_digest(dataset: Dataset, config: RunConfig) -> str:
-    """Digest of all data that a run reads: references, sequences, and the map file if there is one."""
+def data_digest(dataset: Dataset, config: RunConfig, whole: bool = False) -> str:
+    """Digest of all data that a run reads: references, sequences (all of them if ``whole``), and the map file if there is one."""
     digest = hashlib.sha256(_references_digest(dataset).encode())
-    for drive in dataset.select(config.sequences):
+    for drive in dataset.select("all" if whole else config.sequences):
         digest.update(_drive_digest(drive).encode())
     if config.map is not None:
         digest.update(_content(config.map))
@@ -151,7 +128,7 @@ def prepare(job: Job) -> None:
     """Build the map that a job needs into the cache; what goes wrong is told when the job runs."""
     try:
         with _LOCK, threadpool_limits(1, user_api="blas"):
-            _map(job, _dataset(job.cell.config.dataset))
+            _map(job, _as_recorded(job, _dataset(job.cell.config.dataset)))
     except Exception:
         return
 
@@ -184,18 +161,56 @@ def run_cell(job: Job) -> Runs:
         As `panoloc_mcl.tools.runs.pipeline.run`.
     """
     config = job.cell.config
-    dataset = _checked_dataset(job)
+    dataset = _as_recorded(job, _checked_dataset(job))
     panorama_map, model = _map(job, dataset)
     recipe = parse_recipe(job.cell.condition["corruption"])
-    if recipe.changes_images:
+    if recipe.changes_data:
+        # Written into the data set already, all of it.
+        recipe = parse_recipe(CLEAN)
+    elif recipe.changes_images:
         model = cast(ObservationModel, _Disturbed(model, recipe, config.seed, panorama_map))
     records = []
+    overheard = Overheard()
     for task in make_tasks(dataset, config):
         check_task(task, panorama_map, config)
-        shortened = _shortened(task, recipe, config.seed, job.cell.frames)
-        record, _, _ = localize(shortened, 0, panorama_map, model, config)
+        shortened = _shortened(task, recipe, config.seed)
+        record, _, _ = localize(shortened, 0, panorama_map, model, config, overheard)
         records.append(record)
-    return Runs(tuple(records), panorama_map.references.positions)
+    return Runs(tuple(records), panorama_map.references.positions, tuple(overheard.answers))
+
+
+def _as_recorded(job: Job, dataset: Dataset) -> Dataset:
+    """The data set with the drives as short as asked for, and with the imperfections of the cell, which are kept in the cache."""
+    cell = job.cell
+    wanted = {drive.name for drive in dataset.select(cell.config.sequences)}
+    dataset = replace(
+        dataset,
+        sequences={
+            name: _thinned(drive, cell.frames, cell.every) if name in wanted else drive
+            for name, drive in dataset.sequences.items()
+        },
+    )
+    recipe = parse_recipe(cell.condition["corruption"])
+    if not recipe.changes_data:
+        return dataset
+    said = json.dumps([code_digest(), job.data, recipe.text, cell.config.seed, sorted(wanted), cell.frames, cell.every])
+    name = re.sub(r"[^A-Za-z0-9_-]+", "_", f"{dataset.name}-{recipe.text}")[:60]
+    path = cache_folder() / "corrupted" / f"{name}-{hashlib.sha256(said.encode()).hexdigest()[:16]}"
+    if not (path / "dataset.yaml").is_file():
+        begun = path.with_name(f".{path.name}.{os.getpid()}")
+        shutil.rmtree(begun, ignore_errors=True)
+        corrupt(dataset, recipe, cell.config.seed, begun, sorted(wanted))
+        try:
+            begun.rename(path)
+        except OSError:
+            # Another process was faster.
+            shutil.rmtree(begun, ignore_errors=True)
+    return read_dataset(path)
+
+
+def _thinned(drive: Drive, frames: int | None, every: int) -> Drive:
+    kept = slice(0, frames, every)
+    return drive if frames is None and every == 1 else replace(drive, times=drive.times[kept], files=drive.files[kept])
 
 
 def _checked_dataset(job: Job) -> Dataset:
@@ -203,7 +218,7 @@ def _checked_dataset(job: Job) -> Dataset:
     for last in (False, True):
         try:
             dataset = _dataset(config.dataset)
-            if data_digest(dataset, config) == job.data:
+            if data_digest(dataset, config, parse_recipe(job.cell.condition["corruption"]).changes_data) == job.data:
                 return dataset
             fault = f"{dataset.path}: holds other data than where the comparison was started; copy the data set here"
         except PanolocError as error:
@@ -243,10 +258,10 @@ class _Disturbed:
         return self._model.observe(Panorama(pixels, panorama.valid), headings)
 
 
-def _shortened(task: Task, recipe: Recipe, seed: int, frames: int | None) -> Task:
-    """The first frames of a drive, without those that the recipe drops."""
+def _shortened(task: Task, recipe: Recipe, seed: int) -> Task:
+    """A drive without the frames that the recipe drops."""
     drive = task.drive
-    count = len(drive) if frames is None else min(frames, len(drive))
+    count = len(drive)
     rng = np.random.default_rng((seed, zlib.crc32(recipe.text.encode()), zlib.crc32(drive.name.encode())))
     left = recipe.frames(count, rng)
     if len(left) == len(drive):
@@ -320,47 +335,3 @@ def _map(job: Job, dataset: Dataset) -> tuple[PanoramaMap, ObservationModel]:
             panorama_map = cached_map(used, config.observation, config.seed)
         _MAPS[key] = panorama_map, panorama_map.observation_model(config.observation)
     return _MAPS[key]
-
-
-def write_runs(path: Path, job: Job, runs: Runs) -> None:
-    """Keep what a cell gave, whole or not at all.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written.
-    """
-    arrays: dict[str, NDArray[Any]] = {"places": runs.places}
-    for index, record in enumerate(runs.records):
-        arrays |= {f"{index}.{name}": getattr(record, name) for name in _ARRAYS}
-        arrays[f"{index}.status"] = np.array([STATUSES.index(status) for status in record.status], dtype=np.int8)
-        if record.truth is not None:
-            arrays[f"{index}.truth"] = record.truth
-    names = [record.name for record in runs.records]
-    write_arrays(path, {"format": FORMAT, "key": job.key, "cell": job.cell.axes, "sequences": names}, arrays)
-
-
-def read_runs(path: Path, key: str) -> Runs:
-    """Read what a cell gave.
-
-    Raises
-    ------
-    ResultsError
-        Missing, cut short, or of another cell: to be run again.
-    """
-    try:
-        header, arrays = read_arrays(path)
-        if header.get("format") != FORMAT or header.get("key") != key:
-            raise ValueError(f"is cell {header.get('key')}")
-        records = []
-        for index, name in enumerate(header["sequences"]):
-            own: dict[str, Any] = {entry: arrays[f"{index}.{entry}"] for entry in _ARRAYS}
-            status = tuple(STATUSES[int(code)] for code in arrays[f"{index}.status"])
-            records.append(
-                SequenceRecord(
-                    name=name, run=0, status=status, truth=cast(FloatArray | None, arrays.get(f"{index}.truth")), **own
-                )
-            )
-        return Runs(tuple(records), np.asarray(arrays["places"], dtype=np.float64))
-    except (OSError, ValueError, LookupError, ResultsError) as error:
-        raise ResultsError(f"{path}: cannot be used ({error}); the cell is run again") from error

@@ -12,7 +12,8 @@ from importlib.metadata import version
 from typing import Any, Protocol
 
 from panoloc_mcl import __version__
-from panoloc_mcl.laboratory.comparison.cell import Failure, Job, Runs, attempt, code_digest, prepare
+from panoloc_mcl.laboratory.comparison.cell import Job, attempt, code_digest, prepare
+from panoloc_mcl.laboratory.comparison.runs import Failure, Runs
 from panoloc_mcl.robot.errors import PanolocError
 
 _CONNECT_S = 10

@@ -48,7 +48,10 @@ class Matrix(StrictModel):
     frames: Annotated[int, Field(ge=1)] | None = Field(
         None, description="Only so many frames of each sequence, the first ones; null = all."
     )
-    corruptions: Names = Field([CLEAN], description="Recipes such as `clean` or `bars:0.7+random_pixels:0.25`.")
+    every: Annotated[int, Field(ge=1)] = Field(1, description="Only every so many-th of these frames.")
+    corruptions: Names = Field(
+        [CLEAN], description="Recipes such as `clean`, `bars:0.7+random_pixels:0.25`, `body:strong` or `everything:mild`."
+    )
     references: Names = Field([ALL], description="Parts of the references: all, checkerboard, fourth, every-2m.")
     observations: Names | Labelled = Field(
         ["votes"], description="Names of observation models, or names of your own with settings below `observation`."
@@ -79,6 +82,7 @@ class Cell:
     config : RunConfig
         Resolved; its sequences are those of the light, and it runs once.
     frames : int or None
+    every : int
     """
 
     condition: Mapping[str, str]
@@ -86,6 +90,7 @@ class Cell:
     seed: int
     config: RunConfig
     frames: int | None = None
+    every: int = 1
 
     @property
     def axes(self) -> dict[str, str | int]:
@@ -181,6 +186,7 @@ def expand(matrix: Matrix, datasets: Mapping[str, Dataset], source: str = "matri
             seed,
             config.model_copy(update={"dataset": _findable(name, dataset), "sequences": sequences, "seed": seed, "runs": 1}),
             matrix.frames,
+            matrix.every,
         )
         for name, dataset in datasets.items()
         for light, sequences in lights[name].items()

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.laboratory.comparison.cell import Failure, Runs
+from panoloc_mcl.laboratory.comparison.runs import Failure, Runs
 from panoloc_mcl.laboratory.comparison.tables import CONDITION, METHOD, Entry, Row
 from panoloc_mcl.robot.errors import ConfigError
 from panoloc_mcl.tools.evaluation import SequenceRecord, evaluate

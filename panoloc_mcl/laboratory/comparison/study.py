@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from panoloc_mcl.laboratory.comparison.cell import Failure, Job, Runs, forget_data, make_job, read_runs, write_runs
+from panoloc_mcl.laboratory.comparison.cell import Job, forget_data, make_job
 from panoloc_mcl.laboratory.comparison.engines import Engine, EngineError, InProcess
 from panoloc_mcl.laboratory.comparison.matrix import Cell, Matrix, cells_of_run, expand, is_matrix, matrix_from_mapping
 from panoloc_mcl.laboratory.comparison.plots import can_draw, draw_plots
 from panoloc_mcl.laboratory.comparison.pooling import Difference, Group, differences, groups_of
+from panoloc_mcl.laboratory.comparison.runs import Failure, Runs, read_runs, write_runs
 from panoloc_mcl.laboratory.comparison.summary import difference_rows, render_summary
 from panoloc_mcl.laboratory.comparison.tables import (
     COLUMNS,
@@ -170,7 +171,7 @@ def _results(jobs: Sequence[Job], cells: Path, engine: Engine, monitor: Monitor)
             if isinstance(result, Failure) and result.unfit:
                 raise EngineError(f"{result.text} (finished cells are kept)")
             if isinstance(result, Runs):
-                write_runs(cells / f"{job.key}.npz", job, result)
+                write_runs(cells / f"{job.key}.npz", job.key, job.cell.axes, result)
             else:
                 monitor.notice(f"cell {' / '.join(str(value) for value in job.cell.axes.values())} failed: {result.text}")
             results[job.key] = result

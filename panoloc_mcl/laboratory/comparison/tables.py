@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from panoloc_mcl.laboratory.comparison.cell import Failure, Runs
+from panoloc_mcl.laboratory.comparison.runs import Failure, Runs
 from panoloc_mcl.robot.geometry import FloatArray
 from panoloc_mcl.tools.evaluation import SequenceRecord, evaluate
 from panoloc_mcl.tools.evaluation.definitions import WITHIN_TIERS

@@ -1,4 +1,4 @@
-"""Corruptions by name: what ``bars:0.7+random_pixels:0.25`` means."""
+"""Corruptions by name: what ``bars:0.7+random_pixels:0.25`` and ``body:strong+jpeg:mild`` mean."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from panoloc_mcl.laboratory.corruptions import images
+from panoloc_mcl.laboratory.corruptions.imperfections import IMPERFECTIONS, LEVELS, Use
 from panoloc_mcl.laboratory.corruptions.sequences import drop_frames
 from panoloc_mcl.robot.errors import ConfigError
 from panoloc_mcl.robot.settings.validation import StrictModel, parse_yaml, validate
@@ -99,6 +100,9 @@ CORRUPTIONS: dict[str, Corruption] = {
 
 #: The recipe that changes nothing.
 CLEAN = "clean"
+#: All imperfections at once.
+EVERYTHING = "everything"
+_PLACES = ("both", "references", "drives")
 
 
 @dataclass(frozen=True)
@@ -111,10 +115,18 @@ class Recipe:
         As it was written.
     steps : tuple of (Corruption, dict)
         Each with its severities.
+    uses : tuple of Use
+        Imperfections of the data set itself, in the order of their catalogue.
     """
 
     text: str
     steps: tuple[tuple[Corruption, dict[str, Any]], ...]
+    uses: tuple[Use, ...] = ()
+
+    @property
+    def changes_data(self) -> bool:
+        """Whether there is anything that a data set has to be written for."""
+        return bool(self.uses)
 
     @property
     def changes_images(self) -> bool:
@@ -161,7 +173,9 @@ def parse_recipe(text: str) -> Recipe:
     ----------
     text : str
         Steps joined by ``+``, each a name of ``CORRUPTIONS`` and, after a colon, its severities joined by commas:
-        ``bars:0.7``, ``bars:0.7,count=2+noise:3``, ``spatial_light``. Or ``clean``.
+        ``bars:0.7``, ``bars:0.7,count=2+noise:3``, ``spatial_light``. Or names of ``IMPERFECTIONS``, each with its level, and values
+        that it has instead: ``body:strong``, ``body:strong,strut_deg=30+jpeg:mild``; with ``where=references`` or ``where=drives``
+        they disturb only these images. Or ``everything:mild``, ``everything:strong``. Or ``clean``.
 
     Raises
     ------
@@ -170,26 +184,64 @@ def parse_recipe(text: str) -> Recipe:
     """
     if text.strip() == CLEAN:
         return Recipe(text, ())
-    steps = []
+    steps: list[tuple[Corruption, dict[str, Any]]] = []
+    uses: list[Use] = []
     faults: list[str] = []
     for part in text.split("+"):
         try:
-            steps.append(_step(part.strip(), f"corruption '{text}'"))
+            name = part.partition(":")[0].strip()
+            if name in IMPERFECTIONS or name == EVERYTHING:
+                uses += _uses(part.strip(), f"corruption '{text}'")
+            else:
+                steps.append(_step(part.strip(), f"corruption '{text}'"))
         except ConfigError as error:
             faults.extend(error.faults)
+    names = [use.name for use in uses]
+    faults += [
+        f"corruption '{text}': '{name}' is given twice; drop one" for name in dict.fromkeys(names) if names.count(name) > 1
+    ]
     if faults:
         raise ConfigError(faults)
-    return Recipe(text, tuple(steps))
+    order = list(IMPERFECTIONS)
+    return Recipe(text, tuple(steps), tuple(sorted(uses, key=lambda use: order.index(use.name))))
 
 
 def _step(text: str, source: str) -> tuple[Corruption, dict[str, Any]]:
     name, _, severities = text.partition(":")
     corruption = CORRUPTIONS.get(name)
     if corruption is None:
-        close = difflib.get_close_matches(name, [*CORRUPTIONS, CLEAN], n=1, cutoff=0.5)
-        remedy = f"did you mean '{close[0]}'?" if close else f"known: {', '.join([*CORRUPTIONS, CLEAN])}"
+        known = [*CORRUPTIONS, *IMPERFECTIONS, EVERYTHING, CLEAN]
+        close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+        remedy = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(known)}"
         raise ConfigError(f"{source}: unknown corruption '{name}'; {remedy}")
-    first = next(iter(corruption.parameters.model_fields))
+    given = _severities(severities, text, source, next(iter(corruption.parameters.model_fields)))
+    return corruption, validate(corruption.parameters, given, f"{source}: {name}").model_dump()
+
+
+def _uses(text: str, source: str) -> list[Use]:
+    """An imperfection, or all of them, at the level that is named."""
+    name, _, severities = text.partition(":")
+    given = _severities(severities, text, source, "level")
+    level = given.pop("level", None)
+    if level not in LEVELS:
+        said = "is missing" if level is None else f"= {level!r}: is no level"
+        raise ConfigError(f"{source}: {name}: level {said}; write {name}:{LEVELS[0]} or {name}:{LEVELS[1]}")
+    if name == EVERYTHING:
+        if given:
+            raise ConfigError(f"{source}: {EVERYTHING} takes no '{next(iter(given))}'; name the imperfection and its level")
+        wanted = [name for name, imperfection in IMPERFECTIONS.items() if imperfection.together]
+        return [use for name in wanted for use in _uses(f"{name}:{level}", source)]
+    imperfection = IMPERFECTIONS[name]
+    where = imperfection.where
+    if "where" in given and "where" not in imperfection.settings.model_fields and not imperfection.changes_data:
+        where = given.pop("where")
+        if where not in _PLACES:
+            raise ConfigError(f"{source}: {name}: where = {where!r}; use one of {', '.join(_PLACES)}")
+    return [Use(name, validate(imperfection.settings, {**imperfection.at(level), **given}, f"{source}: {name}"), where)]
+
+
+def _severities(severities: str, text: str, source: str, first: str) -> dict[str, Any]:
+    """What stands after the colon; its first value may do without a name."""
     given: dict[str, Any] = {}
     for position, entry in enumerate(severities.split(",") if severities else ()):
         key, separator, value = (word.strip() for word in entry.partition("="))
@@ -200,4 +252,4 @@ def _step(text: str, source: str) -> tuple[Corruption, dict[str, Any]]:
         if key in given:
             raise ConfigError(f"{source}: '{key}' is given twice in '{text}'; drop one")
         given[key] = parse_yaml(value, source, locate=False)
-    return corruption, validate(corruption.parameters, given, f"{source}: {name}").model_dump()
+    return given

@@ -18,6 +18,7 @@ _COMMANDS = (
     "tools.cli.demo",
     "tools.cli.run",
     "laboratory.cli.simulate",
+    "laboratory.cli.corrupt",
     "tools.cli.build_map",
     "laboratory.cli.compare",
     "laboratory.cli.study",

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from panoloc_mcl.laboratory.comparison.cell import Failure, Runs
 from panoloc_mcl.laboratory.comparison.matrix import matrix_from_mapping
+from panoloc_mcl.laboratory.comparison.runs import Failure, Runs
 from panoloc_mcl.laboratory.comparison.study import plan_of_matrix
 from panoloc_mcl.laboratory.comparison.tables import Entry
 from panoloc_mcl.robot.files import CACHE_VARIABLE

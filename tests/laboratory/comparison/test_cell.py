@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from panoloc_mcl.laboratory.comparison import cell as cells
-from panoloc_mcl.laboratory.comparison.cell import Failure, Runs, attempt, forget_data, make_job, read_runs, write_runs
+from panoloc_mcl.laboratory.comparison.cell import attempt, forget_data, make_job
+from panoloc_mcl.laboratory.comparison.runs import Failure, Runs, read_runs, write_runs
 from panoloc_mcl.robot.errors import ResultsError
 from panoloc_mcl.tools.datasets import read_dataset
 from panoloc_mcl.tools.runs.pipeline import run
@@ -94,7 +95,7 @@ def test_frames_are_dropped_and_cut_off(plan_of):
 def test_a_kept_cell_is_read_as_it_was(plan_of, tmp_path):
     (job, *_) = jobs(plan_of())
     runs = attempt(job)
-    write_runs(tmp_path / "cell.npz", job, runs)
+    write_runs(tmp_path / "cell.npz", job.key, job.cell.axes, runs)
     same(read_runs(tmp_path / "cell.npz", job.key), runs)
     with pytest.raises(ResultsError, match="run again"):
         read_runs(tmp_path / "cell.npz", "another key")
@@ -103,7 +104,7 @@ def test_a_kept_cell_is_read_as_it_was(plan_of, tmp_path):
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.9, 0.999])
 def test_a_truncated_cell_is_refused(plan_of, tmp_path, share):
     (job, *_) = jobs(plan_of())
-    write_runs(tmp_path / "cell.npz", job, attempt(job))
+    write_runs(tmp_path / "cell.npz", job.key, job.cell.axes, attempt(job))
     whole = (tmp_path / "cell.npz").read_bytes()
     (tmp_path / "cell.npz").write_bytes(whole[: int(share * len(whole))])
     with pytest.raises(ResultsError, match="run again"):

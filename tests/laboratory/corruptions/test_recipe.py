@@ -79,7 +79,7 @@ def test_every_name_says_which_severity_it_lacks_or_does_without(name):
         ("bar:0.7", "unknown corruption 'bar'; did you mean 'bars'?"),
         ("random_pixel:0.7", "did you mean 'random_pixels'?"),
         ("cleen", "did you mean 'clean'?"),
-        ("fog", "unknown corruption 'fog'; known: random_pixels, bars"),
+        ("qqq", "unknown corruption 'qqq'; known: random_pixels, bars"),
         ("", "unknown corruption ''"),
         ("bars:0.7+", "unknown corruption ''"),
         ("bars:1.2", "share = 1.2: must be less than or equal to 1"),

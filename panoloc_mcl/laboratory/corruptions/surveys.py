@@ -1,0 +1,171 @@
+"""Where references are said to be, and where they come from; what clocks and wheels say."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import replace
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from panoloc_mcl.laboratory.corruptions.draft import Draft, Float64, Folder, moved
+from panoloc_mcl.robot.errors import ConfigError
+from panoloc_mcl.robot.geometry import between, compose, wrap_angle
+from panoloc_mcl.robot.settings.validation import StrictModel
+from panoloc_mcl.tools.datasets.splice import group_of
+from panoloc_mcl.tools.datasets.trajectory import Trajectory
+
+NonNegative = Annotated[float, Field(ge=0.0, le=1e3)]
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+
+
+class AlongDrive(StrictModel):
+    """References as they come when somebody drives once through the place: the frames of a drive, at its headings, unevenly apart.
+
+    Frames nearer than ``least_m`` to the one before are left out. The gaps to the next one are drawn: ``unevenness`` is the standard
+    deviation of their logarithm, and of 0 keeps every frame.
+    """
+
+    unevenness: NonNegative
+    least_m: NonNegative = 0.1
+    drives: Annotated[int, Field(ge=1, le=100)] = 1
+
+    def change(self, draft: Draft, rng: np.random.Generator) -> None:
+        """Take a drive for the references; it is driven no more.
+
+        Raises
+        ------
+        ConfigError
+            No drive that could be spared, or without ground truth.
+        """
+        groups = Counter(group_of(name) for name, drive in draft.spare.items() if drive.groundtruth is not None)
+        if not groups:
+            raise ConfigError(
+                "along_drive: needs a sequence with ground truth beside those that are localized over; name fewer sequences"
+            )
+        most = max(groups, key=lambda group: (groups[group], group))
+        names = [name for name in draft.spare if group_of(name) == most][: self.drives]
+        shots = []
+        for name in names:
+            way, wanted = math.inf, 0.0
+            last = None
+            for shot in draft.spare[name].shots:
+                assert shot.pose is not None
+                way += 0.0 if last is None else math.hypot(*(shot.pose[:2] - last[:2]))
+                last = shot.pose
+                if way >= max(wanted, self.least_m):
+                    shots.append(shot)
+                    way, wanted = 0.0, 0.3 * float(np.exp(self.unevenness * rng.standard_normal())) * (self.unevenness > 0.0)
+        source = draft.spare[names[0]]
+        claimed = np.array([shot.pose for shot in shots])
+        draft.references = Folder([replace(s, time=0.0) for s in shots], source.optics, source.size, source.camera, claimed)
+
+
+class Doubled(StrictModel):
+    """The way led by some places twice: ``share`` of the references is there a second time, ``apart_m`` off (sd of x and of y)."""
+
+    share: Share
+    apart_m: NonNegative = 0.005
+
+    def change(self, draft: Draft, rng: np.random.Generator) -> None:
+        """Add the second ones."""
+        references = draft.references
+        chosen = rng.permutation(len(references.shots))[: round(self.share * len(references.shots))]
+        again = references.claimed[chosen]
+        again = again + np.pad(rng.normal(0.0, self.apart_m, (len(chosen), 2)), ((0, 0), (0, 1)))
+        references.claimed = np.concatenate([references.claimed, again])
+        references.shots += [replace(references.shots[index], copy=1) for index in chosen]
+
+
+class Standing(StrictModel):
+    """The robot stood still while references were taken: at ``stops`` places there are ``images`` of the same pose."""
+
+    stops: Annotated[int, Field(ge=0, le=1000)]
+    images: Annotated[int, Field(ge=1, le=1000)]
+
+    def change(self, draft: Draft, rng: np.random.Generator) -> None:
+        """Add the images that were taken while standing."""
+        references = draft.references
+        stops = set(rng.permutation(len(references.shots))[: self.stops].tolist())
+        order = [
+            (index, copy) for index in range(len(references.shots)) for copy in range(self.images if index in stops else 1)
+        ]
+        references.shots = [replace(references.shots[index], copy=copy) for index, copy in order]
+        references.claimed = references.claimed[[index for index, _ in order]]
+
+
+class PoseNoise(StrictModel):
+    """Every reference's pose is off by itself: Gaussian, standard deviation of x and of y, and of the heading."""
+
+    xy_m: NonNegative
+    theta_deg: NonNegative
+
+    def change(self, draft: Draft, rng: np.random.Generator) -> None:
+        """Claim poses with errors."""
+        claimed = draft.references.claimed
+        errors = rng.standard_normal(claimed.shape) * (self.xy_m, self.xy_m, math.radians(self.theta_deg))
+        draft.references.claimed = _added(claimed, errors)
+
+
+class PoseDrift(StrictModel):
+    """References located by dead reckoning: in the order in which they come, errors add up.
+
+    Lengths are off by ``share`` (drawn once, sd), and the direction wanders by ``share`` radians (sd) over a metre, growing with the
+    root of the way.
+    """
+
+    share: Share
+
+    def change(self, draft: Draft, rng: np.random.Generator) -> None:
+        """Claim poses that drift from the first one on."""
+        claimed = draft.references.claimed
+        steps = between(claimed[:-1], claimed[1:])
+        length = np.hypot(steps[:, 0], steps[:, 1])
+        steps[:, :2] *= 1.0 + self.share * rng.standard_normal()
+        steps[:, 2] += self.share * np.sqrt(length) * rng.standard_normal(len(steps))
+        draft.references.claimed = _chained(claimed[0], steps)
+
+
+class Clock(StrictModel):
+    """The clock of odometry goes ``seconds`` behind that of the images (as images that arrive late and are stamped on arrival)."""
+
+    seconds: Annotated[float, Field(ge=-100.0, le=100.0)]
+
+    def change(self, draft: Draft, rng: np.random.Generator) -> None:
+        """Shift the stamps of odometry."""
+        for drive in draft.drives.values():
+            if drive.odometry is not None:
+                drive.odometry = Trajectory(drive.odometry.times - self.seconds, drive.odometry.poses)
+
+
+class Odometry(StrictModel):
+    """Wheels that are not what they are believed to be: lengths too large by ``scale``, and a turn that creeps in."""
+
+    scale: Annotated[float, Field(ge=-0.9, le=10.0)]
+    drift_deg_per_m: Annotated[float, Field(ge=-360.0, le=360.0)]
+
+    def change(self, draft: Draft, rng: np.random.Generator) -> None:
+        """Report other ways."""
+        for drive in draft.drives.values():
+            drive.odometry = moved(drive.odometry, self._said)
+
+    def _said(self, poses: Float64) -> Float64:
+        steps = between(poses[:-1], poses[1:])
+        steps[:, 2] += math.radians(self.drift_deg_per_m) * np.hypot(steps[:, 0], steps[:, 1])
+        steps[:, :2] *= 1.0 + self.scale
+        return _chained(poses[0], steps)
+
+
+def _added(poses: Float64, errors: Float64) -> Float64:
+    off = poses + errors
+    off[:, 2] = wrap_angle(off[:, 2])
+    return np.asarray(off)
+
+
+def _chained(first: Float64, steps: Float64) -> Float64:
+    path = [first]
+    for step in steps:
+        path.append(compose(path[-1], step))
+    return np.array(path)
