@@ -183,7 +183,7 @@ class PanoramaMap:
             "image_size": list(self.image_size),
             "elevation_deg": [geometry.elevation_bottom_deg, geometry.elevation_top_deg],
             "files": list(references.names),
-            "observation": self.observation.model_dump(mode="json"),
+            "observation": self.observation.model_dump(mode="json", include={"model", self.observation.model}),
             "seed": self.seed,
             "notes": list(self.notes),
         }

@@ -3,14 +3,10 @@ import pytest
 from oracles import peers as brute
 from oracles.scenes import COLUMNS, panorama, random_world, texture, turned
 
-from panoloc_mcl.laboratory.peers import (
-    EigenspaceModel,
-    FourierSignatureModel,
-    LeastSquaresModel,
-    OrientationCorrelationModel,
-    SpinningModel,
-    ZeroPhaseModel,
-)
+from panoloc_mcl.laboratory.peers.eigenspace import EigenspaceModel
+from panoloc_mcl.laboratory.peers.fourier_signature import FourierSignatureModel
+from panoloc_mcl.laboratory.peers.least_squares import LeastSquaresModel
+from panoloc_mcl.laboratory.peers.orientation_correlation import OrientationCorrelationModel
 from panoloc_mcl.laboratory.peers.settings import (
     EigenspaceSettings,
     FourierSignatureSettings,
@@ -19,6 +15,8 @@ from panoloc_mcl.laboratory.peers.settings import (
     SpinningSettings,
     ZeroPhaseSettings,
 )
+from panoloc_mcl.laboratory.peers.spinning import SpinningModel
+from panoloc_mcl.laboratory.peers.zero_phase import ZeroPhaseModel
 
 WORLD = random_world(6)
 # A turned reference, one in other light, and an image of nowhere.
