@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.robot.camera.spec import OmniCamera, PanoramaCamera
+from panoloc_mcl.robot.camera.spec import AnyCamera
 from panoloc_mcl.robot.errors import DatasetError
 from panoloc_mcl.robot.references import References
 from panoloc_mcl.tools.datasets.trajectory import Trajectory
@@ -33,7 +33,7 @@ class Sequence:
         Seconds, strictly increasing.
     files : tuple of Path
         One image a time.
-    camera : PanoramaCamera or OmniCamera
+    camera : AnyCamera
     image_size : (int, int)
         Width and height.
     odometry : Trajectory or None
@@ -46,7 +46,7 @@ class Sequence:
     path: Path
     times: FloatArray
     files: tuple[Path, ...]
-    camera: PanoramaCamera | OmniCamera
+    camera: AnyCamera
     image_size: tuple[int, int]
     odometry: Trajectory | None = None
     groundtruth: Trajectory | None = None
@@ -64,7 +64,7 @@ class Dataset:
     name, description, licence : str
     path : Path
         The folder.
-    camera : PanoramaCamera or OmniCamera
+    camera : AnyCamera
         Of all images in folders without a camera of their own.
     references : References
     sequences : dict of str to Sequence
@@ -75,7 +75,7 @@ class Dataset:
     path: Path
     description: str
     licence: str
-    camera: PanoramaCamera | OmniCamera
+    camera: AnyCamera
     references: References
     sequences: dict[str, Sequence] = field(default_factory=dict)
 

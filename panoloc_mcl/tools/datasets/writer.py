@@ -9,7 +9,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 from numpy.typing import ArrayLike
 
-from panoloc_mcl.robot.camera.spec import OmniCamera, PanoramaCamera, to_mapping
+from panoloc_mcl.robot.camera.spec import AnyCamera, to_mapping
 from panoloc_mcl.robot.errors import DatasetError
 from panoloc_mcl.robot.files import write_atomically
 from panoloc_mcl.robot.images import Image, write_image
@@ -30,7 +30,7 @@ class DatasetWriter:
     path : Path
         A folder that does not exist yet, or is empty.
     name, description, licence : str
-    camera : PanoramaCamera or OmniCamera
+    camera : AnyCamera
         Of all images in folders that get no camera of their own.
     resume : bool
         Go on in a folder that an earlier writer was stopped in.
@@ -45,7 +45,7 @@ class DatasetWriter:
         self,
         path: Path,
         name: str,
-        camera: PanoramaCamera | OmniCamera,
+        camera: AnyCamera,
         description: str = "",
         licence: str = "",
         resume: bool = False,
@@ -59,7 +59,7 @@ class DatasetWriter:
         self,
         images: Iterable[Image | None],
         poses: ArrayLike,
-        camera: PanoramaCamera | OmniCamera | None = None,
+        camera: AnyCamera | None = None,
         names: Iterable[str] | None = None,
     ) -> None:
         """Write the reference images and ``poses.csv``.
@@ -69,7 +69,7 @@ class DatasetWriter:
         images : iterable of ndarray or None
             8- or 16-bit, grey, BGR or BGRA; consumed one by one. None: the file is there already.
         poses : array_like of float, shape (n, 3)
-        camera : PanoramaCamera or OmniCamera, optional
+        camera : AnyCamera, optional
             When it is another than the data set's.
         names : iterable of str, optional
             File names, PNG or JPEG by their ending; ``ref_000.png`` and so on if left out.
@@ -94,7 +94,7 @@ class DatasetWriter:
         images: Iterable[Image | None],
         odometry: Trajectory | None = None,
         groundtruth: Trajectory | None = None,
-        camera: PanoramaCamera | OmniCamera | None = None,
+        camera: AnyCamera | None = None,
         names: Iterable[str] | None = None,
     ) -> None:
         """Write one sequence; parameters as in :meth:`add_references`, times in seconds, shape (n,).
@@ -167,7 +167,7 @@ def copy_dataset(dataset: Dataset, path: Path) -> Path:
     return writer.finish()
 
 
-def _write_camera(folder: Path, camera: PanoramaCamera | OmniCamera | None, common: PanoramaCamera | OmniCamera) -> None:
+def _write_camera(folder: Path, camera: AnyCamera | None, common: AnyCamera) -> None:
     if camera is not None and camera != common:
         write_atomically(folder / "camera.yaml", dump_yaml(to_mapping(camera)))
 
