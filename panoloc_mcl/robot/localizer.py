@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from panoloc_mcl.robot.camera import Camera
+from panoloc_mcl.robot.camera import Camera, Mount
 from panoloc_mcl.robot.errors import ConfigError, ImageError, StateError
 from panoloc_mcl.robot.files import read_arrays, write_arrays
 from panoloc_mcl.robot.filters import (
@@ -81,10 +81,12 @@ class Localizer:
         self.settings = config.localizer
         self._map = panorama_map
         self._unwrap = panorama_map.unwrapper(camera, image_size)
+        # Images tell the camera's pose, so that is what the filter holds; the poses that come in and go out are the base's.
+        self._mount, self._stamp_offset_s = self._unwrap.camera.mounting, self._unwrap.camera.stamp_offset_s
         self._observation = model or panorama_map.observation_model(config.observation)
         self._odometry = OdometryBuffer(self.settings.motion)
         rng = np.random.default_rng(config.seed if seed is None else seed)
-        self._filter = self._make_filter(self._observation.places, _start(self.settings, start_pose), rng)
+        self._filter = self._make_filter(self._observation.places, _start(self.settings, start_pose, self._mount), rng)
         self._clock = ImageClock(self.settings.motion, self._odometry)
         self._sightings = Sightings(self.settings.status)
         self._reported: dict[str, int] = {}
@@ -107,14 +109,14 @@ class Localizer:
         timestamp : float
             Seconds; or a datetime, or a ROS stamp.
         pose : array_like of float, shape (3,)
-            x, y, heading in the odometry frame, metres and radians. One that is not finite is left out and counted.
+            x, y, heading of the base in the odometry frame, metres and radians. One that is not finite is left out and counted.
 
         Raises
         ------
         MeasurementError
             The stamp tells no time, or the pose has not three numbers.
         """
-        self._odometry.add(seconds(timestamp), planar_pose(pose, "odometry pose"))
+        self._odometry.add(seconds(timestamp), self._mount.camera_poses(planar_pose(pose, "odometry pose")))
 
     def add_image(self, timestamp: float, image: NDArray[Any] | ImageError) -> Estimate | None:
         """Take one image as the camera delivers it.
@@ -122,7 +124,7 @@ class Localizer:
         Parameters
         ----------
         timestamp : float
-            Seconds, or a datetime, or a ROS stamp; may be earlier than that of the image before, within the odometry that is kept.
+            Seconds, or a datetime, or a ROS stamp, by the clock of the images (``camera.time_offset_s`` is added); may be earlier than that of the image before, within the odometry that is kept.
         image : ndarray of uint8 or uint16, shape (rows, columns) or (rows, columns, 3 or 4)
             Grey, or colour in OpenCV's order. Instead, the `ImageError` that reading it gave: it is then a bad image like any other.
 
@@ -138,7 +140,7 @@ class Localizer:
             The stamp tells no time.
         """
         stage_ms: dict[str, float] = {}
-        timestamp = seconds(timestamp)
+        timestamp = seconds(timestamp) + self._stamp_offset_s
         problem = self._clock.problem(timestamp)
         if problem:
             self.images_skipped += 1
@@ -167,7 +169,8 @@ class Localizer:
     @property
     def particles(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Poses (n, 3) and weights (n,) of the belief, to be looked at only; n = 0 in a mode without particles."""
-        return self._filter.particles()
+        poses, weights = self._filter.particles()
+        return self._mount.base_poses(poses), weights
 
     @property
     def places(self) -> Places:
@@ -220,7 +223,7 @@ class Localizer:
 
     def _estimate(self, findings: list[Finding], votes: VoteField | None, stage_ms: dict[str, float]) -> Estimate:
         with _timed(stage_ms, "estimate"):
-            state = self._filter.state()
+            state = self._filter.state().of_point(-self._mount.offset)
         best, now = state.clusters[0], self._clock.now
         # A belief that an image was left out of may stand at an old time.
         outdated = votes is None and now is not None and self._odometry.newest > now
@@ -361,15 +364,12 @@ def _first_difference(saved: Any, now: Any, key: str = "") -> str:
     return "" if saved == now else f"{key or 'settings'} = {json.dumps(saved)}, now {json.dumps(now)}"
 
 
-def _start(settings: LocalizerSettings, start_pose: tuple[float, float, float] | None) -> Start:
+def _start(settings: LocalizerSettings, start_pose: tuple[float, float, float] | None, mount: Mount) -> Start:
+    """What is known of the camera's pose; what is given is the base's."""
     initial = settings.initial
     if isinstance(initial, InitialPose):
-        return Start(
-            (initial.x, initial.y),
-            math.radians(initial.heading_deg),
-            initial.sd_position_m,
-            math.radians(initial.sd_heading_deg),
-        )
+        x, y, heading = mount.camera_poses([initial.x, initial.y, math.radians(initial.heading_deg)]).tolist()
+        return Start((x, y), heading, initial.sd_position_m, math.radians(initial.sd_heading_deg))
     if initial == "uniform":
         return Start()
     if start_pose is None:
@@ -380,7 +380,7 @@ def _start(settings: LocalizerSettings, start_pose: tuple[float, float, float] |
     pose = planar_pose(start_pose, "start_pose")
     if not is_possible(pose):
         raise ConfigError(f"start_pose = {start_pose}: no robot can be there; give x, y in metres and the heading in radians")
-    x, y, heading = pose.tolist()
+    x, y, heading = mount.camera_poses(pose).tolist()
     return Start((x, y) if initial == "known_pose" else None, heading + math.radians(settings.initial_heading_error_deg))
 
 

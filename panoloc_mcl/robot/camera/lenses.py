@@ -13,6 +13,7 @@ tools that estimated the parameters, so that their files can be used as they are
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from functools import lru_cache
 from typing import Annotated, Any, Literal, Union
@@ -28,6 +29,7 @@ Positive = Annotated[float, Field(gt=0.0)]
 
 _STEP_DEG = 0.25
 _DIRECTIONS = 16
+_NEAR_AXIS_DEG = 5.0
 
 
 class _Lens(StrictModel):
@@ -146,7 +148,6 @@ class OcamLens(StrictModel):
         # The tool's z points into the camera.
         angle = np.arctan2(-rays[..., 2], off_axis)
         rho = np.polynomial.polynomial.polyval(angle, np.array(self.inverse))
-        rho = np.where((off_axis > 0.0) & (rho >= 0.0), rho, np.where(off_axis > 0.0, np.nan, 0.0))
         scale = rho / np.where(off_axis > 0.0, off_axis, 1.0)
         right, down = rays[..., 0] * scale, rays[..., 1] * scale
         a, b, c, d = self.affine
@@ -185,5 +186,6 @@ def widest_angle(lens: KannalaBrandtLens | MeiLens | EucmLens | DoubleSphereLens
     u, v = lens.project(rays)
     radius = np.hypot(u - lens.cx, v - lens.cy)
     grows = np.diff(np.concatenate([np.zeros((1, _DIRECTIONS)), radius]), axis=0) > 0.0
-    grown = grows.all(axis=1)
+    # Fitted polynomials need not meet the axis exactly.
+    grown = grows.all(axis=1) | (angle < math.radians(_NEAR_AXIS_DEG))
     return float(angle[-1] if grown.all() else angle[max(int(np.argmin(grown)) - 1, 0)])

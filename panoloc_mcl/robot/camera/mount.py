@@ -6,9 +6,10 @@ import math
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, model_validator
 
+from panoloc_mcl.robot.geometry import compose
 from panoloc_mcl.robot.settings.validation import StrictModel
 
 Float64 = NDArray[np.float64]
@@ -70,6 +71,14 @@ class Mount(StrictModel):
     def is_upright(self) -> bool:
         """Neither pitch nor roll."""
         return self.pitch_deg == self.roll_deg == 0.0
+
+    def camera_poses(self, base: ArrayLike) -> Float64:
+        """Where the camera is, upright and looking as the base does, when the base is at poses (..., 3)."""
+        return compose(base, self.offset) if self.offset.any() else np.asarray(base, dtype=np.float64)
+
+    def base_poses(self, camera: ArrayLike) -> Float64:
+        """Where the base is; undoes `camera_poses`."""
+        return compose(camera, -self.offset) if self.offset.any() else np.asarray(camera, dtype=np.float64)
 
     @property
     def rotation(self) -> Float64:

@@ -30,7 +30,7 @@ class Sequence:
     path : Path
         The folder.
     times : ndarray of float64, shape (n,)
-        Seconds, strictly increasing.
+        Seconds, strictly increasing, by the clock of odometry.
     files : tuple of Path
         One image a time.
     camera : AnyCamera

@@ -150,7 +150,10 @@ def _read_sequence(
         return None
     if len(faults) > before:
         return None
-    times = table.numbers[:, 0].copy()
+    # By the clock of odometry from here on, so the camera that goes with it has no offset any more.
+    times = table.numbers[:, 0] + seen_by.stamp_offset_s
+    if seen_by.time_offset_s is not None:
+        seen_by = seen_by.model_copy(update={"time_offset_s": None})
     return Sequence(folder.name, folder, times, table.files, seen_by, size, odometry, groundtruth)
 
 

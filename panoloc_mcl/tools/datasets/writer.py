@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +19,8 @@ from panoloc_mcl.tools.datasets.dataset import Dataset
 from panoloc_mcl.tools.datasets.reader import FORMAT
 from panoloc_mcl.tools.datasets.tables import write_image_table
 from panoloc_mcl.tools.datasets.trajectory import Trajectory, write_tum
+
+MASK_FILE = "mask.png"
 
 
 class DatasetWriter:
@@ -34,6 +37,8 @@ class DatasetWriter:
         Of all images in folders that get no camera of their own.
     resume : bool
         Go on in a folder that an earlier writer was stopped in.
+    poses_of : str
+        Whose poses those of the references are: ``base`` or ``camera``.
 
     Raises
     ------
@@ -49,11 +54,13 @@ class DatasetWriter:
         description: str = "",
         licence: str = "",
         resume: bool = False,
+        poses_of: Literal["base", "camera"] = "base",
     ) -> None:
         if not resume and path.exists() and (not path.is_dir() or any(path.iterdir())):
             raise DatasetError(f"{path}: already exists and is not empty; choose another folder or remove it")
         self.path, self.name, self.camera = path, name, camera
         self.description, self.licence = description, licence
+        self.poses_of = poses_of
 
     def add_references(
         self,
@@ -125,8 +132,10 @@ class DatasetWriter:
             "name": self.name,
             "description": self.description,
             "licence": self.licence,
-            "camera": to_mapping(self.camera),
+            "camera": _mapping(self.path, self.camera),
         }
+        if self.poses_of != "base":
+            data["references"] = {"poses_of": self.poses_of}
         write_atomically(self.path / "dataset.yaml", dump_yaml(data))
         return self.path
 
@@ -149,8 +158,10 @@ def copy_dataset(dataset: Dataset, path: Path) -> Path:
     DatasetError
         The folder is not empty, or a file cannot be written.
     """
-    writer = DatasetWriter(path, dataset.name, dataset.camera, dataset.description, dataset.licence)
     references = dataset.references
+    writer = DatasetWriter(
+        path, dataset.name, dataset.camera, dataset.description, dataset.licence, poses_of=references.poses_of
+    )
     names = _copy_images(references.path, references.files, path / "references")
     rows = [(name, *(repr(float(v)) for v in pose)) for name, pose in zip(names, references.poses, strict=True)]
     write_image_table(path / "references" / "poses.csv", ("file", "x", "y", "theta"), rows)
@@ -169,7 +180,16 @@ def copy_dataset(dataset: Dataset, path: Path) -> Path:
 
 def _write_camera(folder: Path, camera: AnyCamera | None, common: AnyCamera) -> None:
     if camera is not None and camera != common:
-        write_atomically(folder / "camera.yaml", dump_yaml(to_mapping(camera)))
+        write_atomically(folder / "camera.yaml", dump_yaml(_mapping(folder, camera)))
+
+
+def _mapping(folder: Path, camera: AnyCamera) -> dict[str, Any]:
+    """A camera's mapping; its mask becomes a picture beside the file."""
+    mapping = to_mapping(camera)
+    if camera.mask is not None:
+        write_atomically(folder / MASK_FILE, camera.mask.png())
+        mapping["mask"] = MASK_FILE
+    return mapping
 
 
 def _copy_images(source: Path, files: tuple[Path, ...], folder: Path) -> list[str]:
