@@ -124,7 +124,8 @@ class Localizer:
         Parameters
         ----------
         timestamp : float
-            Seconds, or a datetime, or a ROS stamp, by the clock of the images (``camera.time_offset_s`` is added); may be earlier than that of the image before, within the odometry that is kept.
+            Seconds, or a datetime, or a ROS stamp, by the clock of the images: ``camera.time_offset_s`` is added. May
+            be earlier than that of the image before, within the odometry that is kept.
         image : ndarray of uint8 or uint16, shape (rows, columns) or (rows, columns, 3 or 4)
             Grey, or colour in OpenCV's order. Instead, the `ImageError` that reading it gave: it is then a bad image like any other.
 

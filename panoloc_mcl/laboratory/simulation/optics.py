@@ -51,12 +51,12 @@ def ray_table(camera: AnyCamera, size: tuple[int, int], samples: int) -> RayTabl
         elevation = np.radians(top + (row + 0.5) * (bottom - top) / height)
         seen = np.ones(len(column), dtype=bool)
     elif isinstance(camera, OmniCamera):
-        x, y = column - camera.center[0], camera.center[1] - row
+        x, y = column - camera.center_px[0], camera.center_px[1] - row
         radius = np.hypot(x, y)
         angle = np.arctan2(y, x) - math.radians(camera.heading_angle_deg)
         azimuth = angle if camera.azimuth == "counterclockwise" else -angle
         elevation = _elevation(camera, radius)
-        seen = (radius >= camera.radii[0]) & (radius <= camera.radii[1]) & np.isfinite(elevation)
+        seen = (radius >= camera.valid_radius_px[0]) & (radius <= camera.valid_radius_px[1]) & np.isfinite(elevation)
         elevation = np.where(seen, elevation, 0.0)
     else:
         raise CameraError(f"camera.kind = {camera.kind}: cannot be rendered; use panorama or omni")
@@ -70,9 +70,7 @@ def ray_table(camera: AnyCamera, size: tuple[int, int], samples: int) -> RayTabl
 def _elevation(camera: OmniCamera, radius: FloatArray) -> FloatArray:
     """The profile turned round by a fine table; NaN where no elevation is imaged."""
     elevations = np.radians(np.linspace(-90.0, 90.0, 36001))
-    if camera.profile is None:
-        raise CameraError("camera.lens: cannot be rendered; use a profile")
-    radii = radius_px(camera.profile, elevations, camera.looks == "up")
+    radii = radius_px(camera.profile, elevations, camera.looks_up)
     known = np.isfinite(radii)
     r, e = radii[known], elevations[known]
     if r[-1] < r[0]:

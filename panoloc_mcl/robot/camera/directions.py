@@ -20,6 +20,7 @@ from panoloc_mcl.robot.camera.spec import (
     EquirectangularCamera,
     Fisheye,
     FisheyePairCamera,
+    LensCamera,
     OmniCamera,
     PanoramaCamera,
 )
@@ -63,7 +64,7 @@ def pixels_of(camera: AnyCamera, image_size: tuple[int, int], azimuth: Float64, 
 
     Parameters
     ----------
-    camera : PanoramaCamera, OmniCamera, EquirectangularCamera or FisheyePairCamera
+    camera : AnyCamera
     image_size : (int, int)
         Width and height.
     azimuth, elevation : float64
@@ -71,6 +72,8 @@ def pixels_of(camera: AnyCamera, image_size: tuple[int, int], azimuth: Float64, 
     """
     if isinstance(camera, OmniCamera):
         return _omni(camera, image_size, azimuth, elevation)
+    if isinstance(camera, LensCamera):
+        return _lens(camera, image_size, azimuth, elevation)
     if isinstance(camera, FisheyePairCamera):
         return _fisheye_pair(camera, image_size, rays_of(azimuth, elevation))
     return _cylinder(camera, image_size, azimuth, elevation)
@@ -99,24 +102,29 @@ def _cylinder(
     return Pixels(u, np.clip(v, 0.0, height - 1.0), np.broadcast_to(seen, u.shape))
 
 
-def _omni(camera: OmniCamera, image_size: tuple[int, int], azimuth: Float64, elevation: Float64) -> Pixels:
-    inner, outer = camera.radii
+def _image_angle(camera: OmniCamera | LensCamera, azimuth: Float64) -> Float64:
     sense = 1.0 if camera.azimuth == "counterclockwise" else -1.0
-    image_angle = math.radians(camera.heading_angle_deg) + sense * azimuth
-    cos, sin = np.cos(image_angle), np.sin(image_angle)
-    up = camera.looks == "up"
-    if camera.profile is not None:
-        radius = radius_px(camera.profile, elevation, up)
-        # v points down while angles in the image count up from +u towards the top.
-        u, v = camera.center[0] + radius * cos, camera.center[1] - radius * sin
-        in_field: Bool = np.ones((), dtype=np.bool_)
-    else:
-        assert camera.lens is not None
-        level, along = np.cos(elevation), np.sin(elevation) if up else -np.sin(elevation)
-        rays = np.stack(np.broadcast_arrays(level * cos, -level * sin, along), axis=-1)
-        u, v = camera.lens.project(rays)
-        in_field = np.arccos(np.clip(along, -1.0, 1.0)) <= widest_angle(camera.lens)
-        radius = np.hypot(u - camera.center[0], v - camera.center[1])
+    return math.radians(camera.heading_angle_deg) + sense * azimuth
+
+
+def _omni(camera: OmniCamera, image_size: tuple[int, int], azimuth: Float64, elevation: Float64) -> Pixels:
+    inner, outer = camera.valid_radius_px
+    angle = _image_angle(camera, azimuth)
+    radius = radius_px(camera.profile, elevation, camera.looks_up)
+    # v points down while angles in the image count up from +u towards the top.
+    u, v = camera.center_px[0] + radius * np.cos(angle), camera.center_px[1] - radius * np.sin(angle)
+    with np.errstate(invalid="ignore"):
+        seen = (radius >= inner - _WHOLE) & (radius <= outer + _WHOLE) & _inside(u, v, image_size)
+    return Pixels(u, v, np.asarray(seen))
+
+
+def _lens(camera: LensCamera, image_size: tuple[int, int], azimuth: Float64, elevation: Float64) -> Pixels:
+    inner, outer = camera.radii
+    angle = _image_angle(camera, azimuth)
+    level, along = np.cos(elevation), np.sin(elevation) if camera.looks_up else -np.sin(elevation)
+    u, v = camera.lens.project(np.stack(np.broadcast_arrays(level * np.cos(angle), -level * np.sin(angle), along), axis=-1))
+    in_field = np.arccos(np.clip(along, -1.0, 1.0)) <= widest_angle(camera.lens)
+    radius = np.hypot(u - camera.center_px[0], v - camera.center_px[1])
     with np.errstate(invalid="ignore"):
         seen = in_field & (radius >= inner - _WHOLE) & (radius <= outer + _WHOLE) & _inside(u, v, image_size)
     return Pixels(u, v, np.asarray(seen))

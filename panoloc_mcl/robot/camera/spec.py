@@ -42,6 +42,7 @@ def _monotone_points(value: tuple[tuple[float, float], ...]) -> tuple[tuple[floa
 
 
 Elevations = Annotated[tuple[float, float], AfterValidator(_ordered_elevations)]
+Radii = Annotated[tuple[float, float], AfterValidator(_ordered_radii)]
 Point = tuple[float, float]
 PanoramaSize = tuple[Annotated[int, Field(ge=4, le=16384)], Annotated[int, Field(ge=2, le=16384)]]
 ImageSize = tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]]
@@ -167,24 +168,18 @@ class EquirectangularCamera(_Camera):
     size: PanoramaSize | None = None
 
 
-class OmniCamera(_Camera):
-    """Raw images of a mirror or fisheye camera with a vertical axis.
+class _VerticalCamera(_Camera):
+    """What raw images of a camera with a vertical axis have.
 
-    Either a ``profile`` around ``center_px``, or a ``lens`` that another tool calibrated. ``looks`` says where the optical axis points:
-    down (a mirror above the camera shows the floor in the middle; a fisheye under a ceiling) or up. ``azimuth`` is counter-clockwise
-    in the images of a camera that looks down, clockwise in those of one that looks up, and the other way round behind a mirror.
+    ``looks`` says where the axis points: down (as a mirror above the camera does, or a fisheye under a ceiling) or up.
+    ``azimuth`` is the sense in the image in which the robot's azimuth (left positive) grows: counter-clockwise for a camera that looks
+    down, clockwise for one that looks up (filled in), and the other way round where the image is a mirror's.
     """
 
     kind: Literal["omni"] = "omni"
-    center_px: Point | None = None
-    valid_radius_px: Annotated[tuple[float, float], AfterValidator(_ordered_radii)] | None = None
     heading_angle_deg: float = 90.0
     looks: Literal["down", "up"] | None = None
     azimuth: Direction = "counterclockwise"
-    profile: Profile | None = None
-    lens: Lens | None = None
-    size_px: ImageSize | None = None
-    panorama: PanoramaTarget | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -193,33 +188,46 @@ class OmniCamera(_Camera):
             return {**data, "azimuth": "clockwise"}
         return data
 
-    @model_validator(mode="after")
-    def _is_whole(self) -> OmniCamera:
-        if (self.profile is None) == (self.lens is None):
-            raise ValueError("needs either a profile (with center_px) or a lens; add one, or name a calibration with file")
-        if self.profile is not None:
-            for name in ("center_px", "valid_radius_px", "panorama"):
-                if getattr(self, name) is None:
-                    raise ValueError(f"key '{name}' is missing beside profile; add it")
-            self._check_profile(self.profile)
-        return self
+    @property
+    def looks_up(self) -> bool:
+        """Whether the axis points to the zenith."""
+        return self.looks == "up"
 
-    def _check_profile(self, profile: Profile) -> None:
-        assert self.panorama is not None
-        inner, outer = self.radii
-        radius = radius_px(profile, np.radians(np.linspace(*self.panorama.elevation_deg, 181)), self.looks == "up")
+
+class OmniCamera(_VerticalCamera):
+    """Raw images of a mirror or fisheye camera with a vertical axis, whose radius is a function of elevation."""
+
+    center_px: Point
+    valid_radius_px: Radii
+    profile: Profile
+    panorama: PanoramaTarget
+
+    @model_validator(mode="after")
+    def _sees_its_panorama(self) -> OmniCamera:
+        inner, outer = self.valid_radius_px
+        radius = radius_px(self.profile, np.radians(np.linspace(*self.panorama.elevation_deg, 181)), self.looks_up)
         if not np.any((radius >= inner) & (radius <= outer)):
             raise ValueError(
                 f"the profile puts no elevation of panorama.elevation_deg {list(self.panorama.elevation_deg)} into "
                 f"valid_radius_px [{inner:g}, {outer:g}]; check profile, elevations and radii"
             )
+        return self
+
+
+class LensCamera(_VerticalCamera):
+    """Raw images of a camera with a vertical axis that another tool calibrated (kind ``omni``, with ``lens`` or ``file``).
+
+    ``size_px`` is that of the images it was calibrated with. By default the panorama shows all that the lens does.
+    """
+
+    lens: Lens
+    size_px: ImageSize | None = None
+    valid_radius_px: Radii | None = None
+    panorama: PanoramaTarget | None = None
 
     @property
-    def center(self) -> Point:
-        """Where the axis appears, pixels."""
-        if self.center_px is not None:
-            return self.center_px
-        assert self.lens is not None
+    def center_px(self) -> Point:
+        """Where the axis appears."""
         return self.lens.cx, self.lens.cy
 
     @property
@@ -273,23 +281,31 @@ class FisheyePairCamera(_Camera):
         return self
 
 
-AnyCamera = PanoramaCamera | OmniCamera | EquirectangularCamera | FisheyePairCamera
+AnyCamera = PanoramaCamera | OmniCamera | LensCamera | EquirectangularCamera | FisheyePairCamera
 _KIND_WORDS = "kind must be 'panorama', 'omni', 'equirectangular' or 'fisheye_pair'"
+
+
+def _camera_tag(value: Any) -> str | None:
+    tag = _kind_tag(value)
+    return "Lens" if tag == "Omni" and ("lens" in value if isinstance(value, Mapping) else hasattr(value, "lens")) else tag
+
 
 Camera = Annotated[
     Annotated[PanoramaCamera, Tag("Panorama")]
     | Annotated[OmniCamera, Tag("Omni")]
+    | Annotated[LensCamera, Tag("Lens")]
     | Annotated[EquirectangularCamera, Tag("Equirectangular")]
     | Annotated[FisheyePairCamera, Tag("Fisheye_pair")],
-    Discriminator(_kind_tag, custom_error_type="camera_kind", custom_error_message=_KIND_WORDS),
+    Discriminator(_camera_tag, custom_error_type="camera_kind", custom_error_message=_KIND_WORDS),
 ]
 
 
-_KINDS: dict[str, type[PanoramaCamera] | type[OmniCamera] | type[EquirectangularCamera] | type[FisheyePairCamera]] = {
-    "panorama": PanoramaCamera,
-    "omni": OmniCamera,
-    "equirectangular": EquirectangularCamera,
-    "fisheye_pair": FisheyePairCamera,
+_KINDS: dict[str, type[PanoramaCamera | OmniCamera | LensCamera | EquirectangularCamera | FisheyePairCamera]] = {
+    "Panorama": PanoramaCamera,
+    "Omni": OmniCamera,
+    "Lens": LensCamera,
+    "Equirectangular": EquirectangularCamera,
+    "Fisheye_pair": FisheyePairCamera,
 }
 
 
@@ -308,11 +324,11 @@ def camera_from_mapping(data: Mapping[str, Any], source: str) -> AnyCamera:
     CameraError
         Every fault, one line each: source, key, value and remedy.
     """
-    kind = data.get("kind")
-    if not isinstance(kind, str) or kind not in _KINDS:
+    kind, tag = data.get("kind"), _camera_tag(data)
+    if tag not in _KINDS:
         raise CameraError(f"{source}: kind = {kind!r}: must be {_KIND_WORDS.removeprefix('kind must be ')}")
     try:
-        return validate(_KINDS[kind], data, source)
+        return validate(_KINDS[tag], data, source)
     except ConfigError as error:
         raise CameraError(error.faults) from error
 

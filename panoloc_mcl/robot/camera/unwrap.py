@@ -12,7 +12,14 @@ from panoloc_mcl.robot.camera.directions import Pixels, angles_of, pixels_of, ra
 from panoloc_mcl.robot.camera.extent import geometry_of
 from panoloc_mcl.robot.camera.panorama import Panorama, PanoramaGeometry
 from panoloc_mcl.robot.camera.profiles import radius_px
-from panoloc_mcl.robot.camera.spec import AnyCamera, EquirectangularCamera, FisheyePairCamera, OmniCamera, PanoramaCamera
+from panoloc_mcl.robot.camera.spec import (
+    AnyCamera,
+    EquirectangularCamera,
+    FisheyePairCamera,
+    LensCamera,
+    OmniCamera,
+    PanoramaCamera,
+)
 from panoloc_mcl.robot.errors import CameraError, ImageError
 
 __all__ = ["Unwrapper", "geometry_of"]
@@ -33,7 +40,7 @@ class Unwrapper:
 
     Parameters
     ----------
-    camera : PanoramaCamera, OmniCamera, EquirectangularCamera or FisheyePairCamera
+    camera : AnyCamera
     image_size : (int, int)
         Width and height of the images it will be given.
     geometry : PanoramaGeometry
@@ -185,10 +192,10 @@ class Unwrapper:
 
     def _usual_samples(self, camera: AnyCamera) -> tuple[int, int]:
         """How many pixels of the image a pixel of the panorama covers, across and down."""
-        if isinstance(camera, OmniCamera) and camera.profile is not None and camera.mounting.is_upright:
-            inner, outer = camera.radii
+        if isinstance(camera, OmniCamera) and camera.mounting.is_upright:
+            inner, outer = camera.valid_radius_px
             elevations = self.geometry.elevation_of_row(np.arange(self.geometry.height))
-            coarse = radius_px(camera.profile, elevations, camera.looks == "up")
+            coarse = radius_px(camera.profile, elevations, camera.looks_up)
             used = coarse[(coarse >= inner) & (coarse <= outer)]
             largest, step = (np.max(used), np.max(np.abs(np.diff(used)), initial=1.0)) if used.size else (1.0, 1.0)
             return _samples(2.0 * np.pi * largest / self.geometry.width), _samples(step)
@@ -240,7 +247,7 @@ _WORLD_LEVEL = 252  # of 255: less shows a pixel of the robot through the interp
 def _check_size(camera: AnyCamera, image_size: tuple[int, int]) -> None:
     found = f"{image_size[0]} x {image_size[1]}"
     faults = []
-    sizes = [("lens", camera.size_px)] if isinstance(camera, OmniCamera) else []
+    sizes = [("lens", camera.size_px)] if isinstance(camera, LensCamera) else []
     if isinstance(camera, FisheyePairCamera):
         whole = [(name, one) for name, one in (("front", camera.front), ("back", camera.back)) if one.offset_px == (0.0, 0.0)]
         sizes = [(name, one.size_px) for name, one in whole if one.size_px != (image_size[0] // 2, image_size[1])]
