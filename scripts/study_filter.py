@@ -48,6 +48,7 @@ from threadpoolctl import threadpool_limits
 from panoloc_mcl.robot.camera import Panorama
 from panoloc_mcl.robot.errors import ConfigError, PanolocError
 from panoloc_mcl.robot.geometry import between, compose
+from panoloc_mcl.robot.images import ImageSource
 from panoloc_mcl.robot.localizer import Localizer
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.observation import ObservationModel, VoteField
@@ -63,6 +64,7 @@ from panoloc_mcl.tools.evaluation.definitions import is_bad, is_good, is_within
 from panoloc_mcl.tools.evaluation.events import find_events
 from panoloc_mcl.tools.evaluation.tables import PAPER_TABLE_2
 from panoloc_mcl.tools.runs.map_cache import cached_map
+from panoloc_mcl.tools.streams import Message, answers, recorded
 
 KIDNAP_EVERY = 20
 NOTICED_WITHIN, RECOVERED_WITHIN = 3, 10
@@ -229,7 +231,7 @@ def study(job: Job) -> dict[str, list[SequenceRecord]]:
     """Records of all runs over one group, by condition."""
     dataset = read_dataset(job.dataset)
     models: dict[str, tuple[PanoramaMap, Remembering]] = {}
-    images: dict[Path, NDArray[Any]] = {}
+    images: dict[ImageSource, NDArray[Any]] = {}
     foreign = () if job.foreign is None else _foreign_files(read_dataset(job.foreign))
     out = {}
     with threadpool_limits(1):
@@ -250,7 +252,7 @@ def study(job: Job) -> dict[str, list[SequenceRecord]]:
     return out
 
 
-def _foreign_files(dataset: Dataset) -> tuple[Path, ...]:
+def _foreign_files(dataset: Dataset) -> tuple[ImageSource, ...]:
     files = [file for drive in dataset.sequences.values() for file in drive.files]
     return tuple(files[:: max(1, len(files) // FOREIGN_IMAGES)])
 
@@ -273,8 +275,8 @@ def run(
     seed: int,
     panorama_map: PanoramaMap,
     model: Remembering,
-    images: dict[Path, NDArray[Any]],
-    foreign: Sequence[Path],
+    images: dict[ImageSource, NDArray[Any]],
+    foreign: Sequence[ImageSource],
 ) -> SequenceRecord:
     """One run over one drive; the seed is that of ``panoloc run`` with as many repeats."""
     rng = np.random.default_rng((seed, zlib.crc32(drive.name.encode()), 1))
@@ -297,33 +299,30 @@ def run(
     odometry = None if condition.image_only else drive.odometry
     if odometry is not None and condition.odometry_noise > 1.0:
         odometry = noisier(odometry, condition.odometry_noise, rng)
-    answers = {}
-    for index in delivered(drive, odometry, condition, localizer, rng):
-        if files[index] not in images:
-            images[files[index]] = read_image(files[index])
-        estimate = localizer.add_image(float(drive.times[index]), images[files[index]])
-        if estimate is not None:
-            # After a late image the answer is that to the newest one, bettered.
-            answers[estimate.timestamp] = estimate
-    frames = np.searchsorted(drive.times, list(answers))
+    answered = {}
+    stream = delivered(replace(drive, files=tuple(files), odometry=odometry), condition, rng, images)
+    for _, estimate in answers(localizer, stream):
+        # After a late image the answer is that to the newest one, bettered.
+        answered[estimate.timestamp] = estimate
+    frames = np.searchsorted(drive.times, list(answered))
     carried = np.concatenate([[0], np.cumsum(kidnapped)])[frames + 1]
     return SequenceRecord(
         name=drive.name,
         run=seed,
         times=drive.times[frames],
-        poses=np.array([estimate.pose for estimate in answers.values()]),
+        poses=np.array([estimate.pose for estimate in answered.values()]),
         truth=truth[frames],
-        status=tuple(estimate.status.value for estimate in answers.values()),
-        best_place=np.array([estimate.best_place for estimate in answers.values()]),
-        step_ms=np.array([sum(estimate.stage_ms.values()) for estimate in answers.values()]),
+        status=tuple(estimate.status.value for estimate in answered.values()),
+        best_place=np.array([estimate.best_place for estimate in answered.values()]),
+        step_ms=np.array([sum(estimate.stage_ms.values()) for estimate in answered.values()]),
         kidnapped=np.concatenate([[False], np.diff(carried) > 0]),
     )
 
 
 def delivered(
-    drive: Drive, odometry: Trajectory | None, condition: Condition, localizer: Localizer, rng: np.random.Generator
-) -> Iterator[int]:
-    """Indices of the images in the order that they arrive in, the localizer having been told the odometry up to then."""
+    drive: Drive, condition: Condition, rng: np.random.Generator, images: dict[ImageSource, NDArray[Any]]
+) -> Iterator[Message]:
+    """Messages in the order that they arrive in; images that were read before are taken from memory."""
     count = len(drive)
     arrival = drive.times.copy()
     if condition.late_s > 0.0:
@@ -332,17 +331,13 @@ def delivered(
         swapped = np.arange(0, count - 1, 2)
         arrival[swapped] = arrival[swapped + 1] + 1e-6
     kept = rng.random(count) >= condition.dropped
-    pending = 0
-    for index in np.argsort(arrival, kind="stable"):
-        if not kept[index]:
-            continue
-        # As `panoloc run`: an image comes after the first measurement that is not older.
-        while (
-            odometry is not None and pending < len(odometry) and (pending == 0 or odometry.times[pending - 1] < arrival[index])
-        ):
-            localizer.add_odometry(float(odometry.times[pending]), odometry.poses[pending])
-            pending += 1
-        yield int(index)
+
+    def read(file: ImageSource) -> NDArray[Any]:
+        if file not in images:
+            images[file] = read_image(file)
+        return images[file]
+
+    return recorded(drive, arrival, kept, read)
 
 
 def noisier(odometry: Trajectory, times: float, rng: np.random.Generator) -> Trajectory:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from pathlib import Path
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -14,13 +15,37 @@ from panoloc_mcl.robot.files import write_atomically
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
+
+class StoredImage(Protocol):
+    """An image that lies in something else than a file of its own, such as a message of a bag or a frame of a video."""
+
+    @property
+    def name(self) -> str:
+        """As a file name, ending included."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height, pixels."""
+
+    def __hash__(self) -> int:
+        """By what it is, or by what it holds."""
+
+    def read(self) -> Image:
+        """Decode it; `ImageError` if that cannot be done."""
+
+    def content(self) -> bytes:
+        """What it is stored as, to tell images apart; `ImageError` if that cannot be read."""
+
+
+ImageSource = Path | StoredImage
+
 _PNG_START, _PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
 _JPEG_START, _JPEG_END = b"\xff\xd8\xff", b"\xff\xd9"
 _JPEG_PLAIN_MARKERS = {0x01, *range(0xD0, 0xD9)}
 _JPEG_FRAME_MARKERS = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
 
 
-def read_image(path: Path) -> Image:
+def read_image(path: ImageSource) -> Image:
     """Decode an image as it is stored.
 
     Returns
@@ -33,6 +58,8 @@ def read_image(path: Path) -> Image:
     ImageError
         Missing, cut off, damaged, neither PNG nor JPEG, or of another bit depth.
     """
+    if not isinstance(path, Path):
+        return path.read()
     data = _bytes_of(path)
     if data.startswith(_PNG_START):
         whole = _PNG_END in data[-64:]
@@ -78,7 +105,18 @@ def write_image(path: Path, image: Image, jpeg_quality: int = 95) -> None:
     write_atomically(path, encoded.tobytes())
 
 
-def image_size(path: Path) -> tuple[int, int]:
+def image_bytes(path: ImageSource) -> bytes:
+    """What an image is stored as, undecoded.
+
+    Raises
+    ------
+    ImageError
+        It cannot be read.
+    """
+    return _bytes_of(path) if isinstance(path, Path) else path.content()
+
+
+def image_size(path: ImageSource) -> tuple[int, int]:
     """Width and height of a PNG or JPEG file from its header, without decoding it.
 
     Raises
@@ -86,6 +124,8 @@ def image_size(path: Path) -> tuple[int, int]:
     ImageError
         Missing, neither PNG nor JPEG, or without a readable header.
     """
+    if not isinstance(path, Path):
+        return path.size
     try:
         with path.open("rb") as stream:
             start = stream.read(32)

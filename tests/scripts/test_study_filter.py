@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from panoloc_mcl.robot.geometry import between
-from panoloc_mcl.robot.localizer import Localizer
 from panoloc_mcl.robot.observation.field import at_headings
 from panoloc_mcl.tools.config import RunConfig
 from panoloc_mcl.tools.datasets import Trajectory
 from panoloc_mcl.tools.runs.map_cache import cached_map
+from panoloc_mcl.tools.streams import Image, Odometry
 
 
 @pytest.fixture(scope="module")
@@ -87,21 +87,16 @@ def test_odometry_gets_as_noisy_as_is_said(script):
     assert (turns[:, 2] / 0.1).std() == pytest.approx(np.sqrt(8.0) * script.TURN_NOISE, rel=0.1)
 
 
-def test_late_images_come_in_another_order_with_odometry_ahead(script, small_room, own_cache):
+def test_late_images_come_in_another_order_with_odometry_ahead(script, small_room):
     drive = small_room.select("all")[0]
     drive = replace(drive, times=drive.times[:6], files=drive.files[:6])
-    panorama_map = cached_map(small_room, RunConfig().observation, 0)
-    told = []
-
-    class Listener(Localizer):
-        def add_odometry(self, timestamp, pose):
-            told.append(timestamp)
-
-    localizer = Listener(panorama_map)
-    orders = []
-    for index in script.delivered(drive, drive.odometry, script.CONDITIONS["late"], localizer, np.random.default_rng(0)):
-        orders.append(index)
-        assert max(told) >= min(drive.times[index] + 0.5, drive.odometry.times[-1])
+    told, orders = [], []
+    for message in script.delivered(drive, script.CONDITIONS["late"], np.random.default_rng(0), {}):
+        if isinstance(message, Odometry):
+            told.append(message.timestamp)
+        elif isinstance(message, Image):
+            orders.append(message.index)
+            assert max(told) >= min(message.timestamp + 0.5, drive.odometry.times[-1])
     assert orders == [1, 0, 3, 2, 5, 4]
 
 

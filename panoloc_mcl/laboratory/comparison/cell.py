@@ -27,6 +27,7 @@ from panoloc_mcl.laboratory.corruptions.recipe import CLEAN
 from panoloc_mcl.robot.camera import Panorama, to_mapping
 from panoloc_mcl.robot.errors import DatasetError, PanolocError
 from panoloc_mcl.robot.files import cache_folder
+from panoloc_mcl.robot.images import ImageSource
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.observation import ObservationModel, VoteField, model_named
 from panoloc_mcl.tools.config import RunConfig
@@ -281,9 +282,9 @@ def _dataset(given: str) -> Dataset:
 
 
 @lru_cache(maxsize=100_000)
-def _content(path: Path) -> bytes:
+def _content(path: ImageSource) -> bytes:
     try:
-        return hashlib.sha256(path.read_bytes()).digest()
+        return hashlib.sha256(path.read_bytes() if isinstance(path, Path) else path.content()).digest()
     except OSError as error:
         raise DatasetError(f"{path}: cannot be read ({error.strerror}); check the path and permissions") from error
 
@@ -303,7 +304,7 @@ def _drive_digest(drive: Drive) -> str:
     return _with_files(digest.hexdigest(), drive.files)
 
 
-def _with_files(start: str, files: Sequence[Path]) -> str:
+def _with_files(start: str, files: Sequence[ImageSource]) -> str:
     digest = hashlib.sha256(start.encode())
     for file in files:
         digest.update(file.name.encode() + _content(file))

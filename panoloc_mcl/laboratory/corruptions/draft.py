@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.laboratory.corruptions.sight import Sight
-from panoloc_mcl.robot.camera.spec import AnyCamera, OmniCamera, PanoramaCamera
-from panoloc_mcl.robot.errors import CameraError
+from panoloc_mcl.robot.camera.spec import OmniCamera, PanoramaCamera
+from panoloc_mcl.robot.errors import DatasetError
+from panoloc_mcl.robot.images import ImageSource
 from panoloc_mcl.tools.datasets import Dataset
 from panoloc_mcl.tools.datasets.trajectory import Trajectory
 
@@ -151,36 +152,30 @@ def draft_of(dataset: Dataset, wanted: Collection[str] | None = None) -> Draft:
     """A data set as it is, with the wanted drives; all if left out."""
     source = dataset.references
     references = Folder(
-        [Shot(file, pose) for file, pose in zip(source.files, source.poses, strict=True)],
-        _known(source.camera),
+        [Shot(_own_file(file), pose) for file, pose in zip(source.files, source.poses, strict=True)],
+        source.camera,
         source.image_size,
-        _known(source.camera),
+        source.camera,
         claimed=source.poses.copy(),
     )
     drives = {}
     for name, drive in dataset.sequences.items():
         truth = None if drive.groundtruth is None else drive.groundtruth.at(drive.times)
         shots = [
-            Shot(file, None if truth is None else truth[index], float(time))
+            Shot(_own_file(file), None if truth is None else truth[index], float(time))
             for index, (file, time) in enumerate(zip(drive.files, drive.times, strict=True))
         ]
         drives[name] = Folder(
-            shots,
-            _known(drive.camera),
-            drive.image_size,
-            _known(drive.camera),
-            odometry=drive.odometry,
-            groundtruth=drive.groundtruth,
+            shots, drive.camera, drive.image_size, drive.camera, odometry=drive.odometry, groundtruth=drive.groundtruth
         )
     chosen = drives if wanted is None else {name: drives[name] for name in drives if name in wanted}
-    return Draft(references, chosen, {name: drives[name] for name in drives if name not in chosen}, _known(dataset.camera))
+    return Draft(references, chosen, {name: drives[name] for name in drives if name not in chosen}, dataset.camera)
 
 
-def _known(camera: AnyCamera) -> PanoramaCamera | OmniCamera:
-    """The camera, if its optics can be disturbed."""
-    if isinstance(camera, PanoramaCamera | OmniCamera):
-        return camera
-    raise CameraError(f"camera.kind = {camera.kind}: cannot be corrupted; use panorama, or omni with a profile")
+def _own_file(image: ImageSource) -> Path:
+    if not isinstance(image, Path):
+        raise DatasetError(f"{image}: lies in a recording; write a data set of it first: panoloc convert")
+    return image
 
 
 def moved(trajectory: Trajectory | None, poses: Callable[[Float64], Float64]) -> Trajectory | None:

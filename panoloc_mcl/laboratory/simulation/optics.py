@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.laboratory.simulation.settings import Sensor
 from panoloc_mcl.robot.camera.profiles import radius_px
-from panoloc_mcl.robot.camera.spec import AnyCamera, OmniCamera, PanoramaCamera
-from panoloc_mcl.robot.errors import CameraError
+from panoloc_mcl.robot.camera.spec import OmniCamera, PanoramaCamera
 
 FloatArray = NDArray[np.float64]
 
@@ -38,7 +37,7 @@ class RayTable:
     samples: int
 
 
-def ray_table(camera: AnyCamera, size: tuple[int, int], samples: int) -> RayTable:
+def ray_table(camera: PanoramaCamera | OmniCamera, size: tuple[int, int], samples: int) -> RayTable:
     """Rays through a regular grid of ``samples`` x ``samples`` points in every pixel."""
     width, height = size
     at = (np.arange(samples) + 0.5) / samples - 0.5
@@ -50,7 +49,7 @@ def ray_table(camera: AnyCamera, size: tuple[int, int], samples: int) -> RayTabl
         bottom, top = camera.elevation_deg
         elevation = np.radians(top + (row + 0.5) * (bottom - top) / height)
         seen = np.ones(len(column), dtype=bool)
-    elif isinstance(camera, OmniCamera):
+    else:
         x, y = column - camera.center_px[0], camera.center_px[1] - row
         radius = np.hypot(x, y)
         angle = np.arctan2(y, x) - math.radians(camera.heading_angle_deg)
@@ -58,8 +57,6 @@ def ray_table(camera: AnyCamera, size: tuple[int, int], samples: int) -> RayTabl
         elevation = _elevation(camera, radius)
         seen = (radius >= camera.valid_radius_px[0]) & (radius <= camera.valid_radius_px[1]) & np.isfinite(elevation)
         elevation = np.where(seen, elevation, 0.0)
-    else:
-        raise CameraError(f"camera.kind = {camera.kind}: cannot be rendered; use panorama or omni")
     whole = seen.reshape(-1, samples * samples).all(axis=1)
     keep = np.repeat(whole, samples * samples)
     a, e = azimuth[keep], elevation[keep]
@@ -70,7 +67,7 @@ def ray_table(camera: AnyCamera, size: tuple[int, int], samples: int) -> RayTabl
 def _elevation(camera: OmniCamera, radius: FloatArray) -> FloatArray:
     """The profile turned round by a fine table; NaN where no elevation is imaged."""
     elevations = np.radians(np.linspace(-90.0, 90.0, 36001))
-    radii = radius_px(camera.profile, elevations, camera.looks_up)
+    radii = radius_px(camera.profile, elevations)
     known = np.isfinite(radii)
     r, e = radii[known], elevations[known]
     if r[-1] < r[0]:

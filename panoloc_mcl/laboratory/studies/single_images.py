@@ -5,7 +5,6 @@ from __future__ import annotations
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Self
 
 import numpy as np
@@ -14,6 +13,7 @@ from panoloc_mcl.laboratory.corruptions import Recipe
 from panoloc_mcl.robot.camera import Panorama
 from panoloc_mcl.robot.errors import DatasetError
 from panoloc_mcl.robot.geometry import FloatArray, angle_difference
+from panoloc_mcl.robot.images import ImageSource
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.observation import VoteField
 from panoloc_mcl.tools.datasets import Dataset, read_image
@@ -45,7 +45,7 @@ class Frame:
     truth: FloatArray
 
     @property
-    def file(self) -> Path:
+    def file(self) -> ImageSource:
         """The image."""
         return self.drive.files[self.index]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,12 +31,22 @@ class Start:
         Standard deviation of x and of y, metres.
     sd_heading : float
         Radians.
+    covariance : float64 (3, 3), optional
+        Of position and heading together, instead of the two standard deviations.
     """
 
     position: tuple[float, float] | None = None
     heading: float | None = None
     sd_position: float = 0.2
     sd_heading: float = math.radians(5.0)
+    covariance: Float64 | None = None
+
+    @classmethod
+    def around(cls, pose: Float64, covariance: Float64) -> Self:
+        """A pose (3,) with its covariance (3, 3)."""
+        x, y, heading = (float(value) for value in pose)
+        sd_position = math.sqrt(0.5 * float(covariance[0, 0] + covariance[1, 1]))
+        return cls((x, y), heading, sd_position, math.sqrt(float(covariance[2, 2])), covariance)
 
 
 class PoseFilter(Protocol):

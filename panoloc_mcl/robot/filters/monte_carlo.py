@@ -124,6 +124,11 @@ class MonteCarloFilter:
     def _drawn_from(self, start: Start) -> Float64:
         rng, count = self._next_step(), self.settings.particles
         poses = np.empty((3, count)).T
+        if start.covariance is not None and start.position is not None:
+            mean = np.array([*start.position, start.heading or 0.0])
+            poses[:] = rng.multivariate_normal(mean, start.covariance, count, method="eigh")
+            poses[:, 2] = wrap_angle(poses[:, 2])
+            return poses
         if start.position is None:
             poses[:, :2] = self.places.sample_uniform(count, rng)
         else:

@@ -47,7 +47,7 @@ class OdometryOnlyFilter:
         sd = extent / math.sqrt(12.0) if start.position is None else np.full(2, start.sd_position)
         sd_heading = _SD_UNKNOWN if start.heading is None else start.sd_heading
         self.pose = np.array([*position, start.heading or 0.0], dtype=np.float64)
-        self.covariance = np.diag(np.array([*sd, sd_heading]) ** 2)
+        self.covariance = np.diag(np.array([*sd, sd_heading]) ** 2) if start.covariance is None else start.covariance.copy()
 
     def propagate(self, motion: Motion) -> None:
         """Move the pose; the covariance grows by the noise of each part of the motion."""

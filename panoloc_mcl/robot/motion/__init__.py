@@ -4,5 +4,17 @@ from panoloc_mcl.robot.motion.image_clock import ImageClock
 from panoloc_mcl.robot.motion.measured import is_possible, planar_pose, seconds
 from panoloc_mcl.robot.motion.models import Motion, blind, carried
 from panoloc_mcl.robot.motion.odometry import OdometryBuffer
+from panoloc_mcl.robot.motion.reckoning import Anchor, carried_to
 
-__all__ = ["ImageClock", "Motion", "OdometryBuffer", "blind", "carried", "is_possible", "planar_pose", "seconds"]
+__all__ = [
+    "Anchor",
+    "ImageClock",
+    "Motion",
+    "OdometryBuffer",
+    "blind",
+    "carried",
+    "carried_to",
+    "is_possible",
+    "planar_pose",
+    "seconds",
+]

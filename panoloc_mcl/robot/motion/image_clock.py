@@ -38,6 +38,16 @@ class ImageClock:
         self._fused: list[float] = []
         # Time stamp of the last image that was left out because it is so far from the others.
         self._suspect: float | None = None
+        # The next image follows on a pause of unknown length.
+        self._paused = False
+
+    def start_at(self, timestamp: float | None) -> None:
+        """The belief begins anew at a time, seconds; None if that is not known."""
+        self.now, self._fused, self._suspect, self._paused = timestamp, [], None, False
+
+    def pause(self) -> None:
+        """The program was stopped: the next image counts whatever its stamp; if that is not a little later, the clock jumped."""
+        self._paused, self._fused, self._suspect = self.now is not None, [], None
 
     def problem(self, timestamp: float) -> Finding:
         """Why the time stamp of an image cannot be used; empty when it can."""
@@ -45,7 +55,7 @@ class ImageClock:
             return Finding("image skipped: its time stamp is not finite", Reason.STAMP_INVALID)
         if unit := unit_of(timestamp):
             return Finding(f"image skipped: time stamp {timestamp:g} looks like {unit}; give seconds", Reason.STAMP_UNIT)
-        if self.now is None:
+        if self.now is None or self._paused:
             return Finding()
         if timestamp in self._fused:
             return Finding(f"image skipped: time stamp {timestamp:.9f} came twice{_coarse(timestamp)}", Reason.STAMP_TWICE)
@@ -60,10 +70,20 @@ class ImageClock:
 
     def follow(self, timestamp: float) -> float | None:
         """Seconds that the clock has jumped by, if an image of which there is no `problem` shows that it has; time goes on there."""
+        if self._paused:
+            self._paused = False
+            assert self.now is not None
+            if not self.now < timestamp <= self._ahead_to():
+                self._suspect = timestamp
+                return self._jumped(timestamp)
         if self.now is None or self._late_from() <= timestamp <= self._ahead_to():
             self._suspect = None
             return None
+        return self._jumped(timestamp)
+
+    def _jumped(self, timestamp: float) -> float:
         assert self._suspect is not None
+        assert self.now is not None
         jump, slack = self._suspect - self.now, self._settings.clock_jump_s
         if self._odometry.newest > timestamp + slack or self._odometry.newest < self._suspect - slack:
             # Odometry by the old clock would only mislead.
@@ -101,12 +121,12 @@ class ImageClock:
 
     def snapshot(self) -> dict[str, Any]:
         """All that is remembered, as plain values."""
-        return {"now": self.now, "fused": self._fused, "suspect": self._suspect}
+        return {"now": self.now, "fused": self._fused, "suspect": self._suspect, "paused": self._paused}
 
     def restore(self, values: Mapping[str, Any]) -> None:
         """Take over what `snapshot` gave; KeyError or TypeError, and nothing changed, if that does not fit."""
         now, suspect = (None if values[name] is None else float(values[name]) for name in ("now", "suspect"))
-        self._fused = [float(time) for time in values["fused"]]
+        self._fused, self._paused = [float(time) for time in values["fused"]], bool(values["paused"])
         self.now, self._suspect = now, suspect
 
 

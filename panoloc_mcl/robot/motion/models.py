@@ -167,3 +167,16 @@ def blind(motion: Motion, seconds: float, s: MotionSettings) -> Motion:
         sd_last_turn=math.hypot(motion.sd_last_turn, heading),
         blind_s=motion.blind_s + seconds,
     )
+
+
+def grown(motion: Motion, position_variance: float, heading_variance: float) -> Motion:
+    """The same motion with at least so much noise of position (each axis, square metres) and heading (square radians)."""
+    if position_variance == heading_variance == 0.0:
+        return motion
+    position, heading = math.sqrt(position_variance), math.sqrt(heading_variance)
+    return replace(
+        motion,
+        sd_along=max(motion.sd_along, position),
+        sd_across=max(motion.sd_across, position),
+        sd_last_turn=max(motion.sd_last_turn, heading),
+    )

@@ -5,13 +5,15 @@ from __future__ import annotations
 import bisect
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.robot.geometry import angle_difference, between, compose, interpolate, inverse, wrap_angle
+from panoloc_mcl.robot.locks import Lock, locked
 from panoloc_mcl.robot.motion.measured import is_possible, planar_pose, unit_of
-from panoloc_mcl.robot.motion.models import NOISE_MODELS, Motion, blind, taken_apart
+from panoloc_mcl.robot.motion.models import NOISE_MODELS, Motion, blind, grown, taken_apart
 from panoloc_mcl.robot.settings.localizer import MotionSettings
 
 Float64 = NDArray[np.float64]
@@ -20,8 +22,12 @@ Float64 = NDArray[np.float64]
 _LEAST_JUMP_M, _LEAST_JUMP_RAD = 0.05, math.radians(5.0)
 
 
+# Velocity (3,) and covariance (3, 3) that came with a measurement.
+Extras = tuple[Float64 | None, Float64 | None]
+
+
 class OdometryBuffer:
-    """Odometry of the last seconds, in order of time whatever order it arrives in.
+    """Odometry of the last seconds, in order of time whatever order it arrives in; several threads may use it.
 
     Measurements that cannot be used are left out and counted by reason in ``rejected``; what else befell the stream (a clock that
     jumped, a new origin) is counted in ``events``.
@@ -35,8 +41,13 @@ class OdometryBuffer:
         self.settings = settings
         self.rejected: dict[str, int] = {}
         self.events: dict[str, int] = {}
+        self.taken = 0
+        self._lock = Lock()
         self._times: list[float] = []
         self._poses: list[Float64] = []
+        # Of each measurement: velocity and covariance if it came with them, and the way and the turns from the first one to it.
+        self._extras: list[Extras] = []
+        self._lengths: list[tuple[float, float]] = []
         # The last measurement that was left out because it does not fit: if the next one agrees with it, it was right.
         self._suspect: tuple[float, Float64] | None = None
         # From the frame that odometry comes in to that of the buffer; another one once odometry has begun from a new origin.
@@ -55,7 +66,8 @@ class OdometryBuffer:
         """Time of the newest pose, seconds; minus infinity when there is none."""
         return self._times[-1] if self._times else -math.inf
 
-    def add(self, timestamp: float, pose: Float64) -> bool:
+    @locked
+    def add(self, timestamp: float, pose: Float64, velocity: Float64 | None = None, covariance: Float64 | None = None) -> bool:
         """Take one pose; a measurement that cannot be used is counted in ``rejected`` and left out.
 
         Parameters
@@ -64,6 +76,8 @@ class OdometryBuffer:
             Seconds.
         pose : float64 (3,)
             In the odometry frame.
+        velocity, covariance : float64 (3,) and (3, 3), optional
+            As in `Odometry`; left out without a word if they are not finite, as many drivers fill them with anything.
 
         Returns
         -------
@@ -93,15 +107,31 @@ class OdometryBuffer:
         self._suspect = None
         self._times.insert(position, timestamp)
         self._poses.insert(position, pose)
+        self._extras.insert(position, (_usable(velocity, (3,)), _usable(covariance, (3, 3))))
+        self._measure(position)
+        self.taken += 1
         oldest = self._times[-1] - self.settings.buffer_s
         # The last pose before the window stays: the window's start lies between it and the next.
         while len(self._times) > 2 and self._times[1] < oldest:
-            del self._times[0], self._poses[0]
+            del self._times[0], self._poses[0], self._extras[0], self._lengths[0]
         return True if timestamp >= self._times[0] else self._reject("older than what is kept")
 
+    def _measure(self, position: int) -> None:
+        """Sum up ways and turns anew from a measurement on."""
+        del self._lengths[position:]
+        for index in range(position, len(self._times)):
+            if index == 0:
+                self._lengths.append((0.0, 0.0))
+                continue
+            (x0, y0, a0), (x1, y1, a1) = self._poses[index - 1].tolist(), self._poses[index].tolist()
+            way, turned = self._lengths[-1]
+            turn = abs(math.remainder(a1 - a0, 2.0 * math.pi))
+            self._lengths.append((way + math.hypot(x1 - x0, y1 - y0), turned + turn))
+
+    @locked
     def clear(self) -> None:
         """Forget all odometry: it belongs to another clock."""
-        self._times, self._poses, self._suspect = [], [], None
+        self._times, self._poses, self._extras, self._lengths, self._suspect = [], [], [], [], None
 
     def _clock_fits(self, timestamp: float, raw: Float64) -> bool:
         """Whether a stamp can belong to the stream; after two that agree with each other alone, the clock has jumped."""
@@ -112,6 +142,7 @@ class OdometryBuffer:
             before = self._suspect
             self.clear()
             self._times, self._poses = [before[0]], [before[1] if self._origin is None else compose(self._origin, before[1])]
+            self._extras, self._lengths = [(None, None)], [(0.0, 0.0)]
             self.events["its clock jumped"] = self.events.get("its clock jumped", 0) + 1
             return True
         self._suspect = (timestamp, raw)
@@ -152,6 +183,7 @@ class OdometryBuffer:
         self.rejected[reason] = self.rejected.get(reason, 0) + 1
         return False
 
+    @locked
     def motion(self, start: float, end: float) -> Motion:
         """The motion between two times, forwards or backwards, with the noise of the robot's motion model.
 
@@ -170,11 +202,14 @@ class OdometryBuffer:
         distance = float(np.hypot(steps[:, 0], steps[:, 1]).sum())
         turn = float(np.abs(angle_difference(waypoints[1:, 2], waypoints[:-1, 2])).sum())
         known = NOISE_MODELS[s.model](taken_apart(between(waypoints[0], waypoints[-1]), distance, turn), s)
+        known = grown(known, *self._growth(start, end))
         unknown = max(0.0, end - max(start, known_until)) + max(0.0, min(end, self.oldest - s.clock_jump_s) - start)
         return replace(blind(known, unknown, s), duration_s=end - start)
 
     def _reach(self) -> float:
         """Seconds that odometry is carried on beyond its last pose: not beyond the time that its speed is known for."""
+        if self._extras[-1][0] is not None:
+            return self.settings.max_extrapolation_s
         return min(self.settings.max_extrapolation_s, self._times[-1] - self._times[0])
 
     def _waypoints(self, start: float, end: float) -> Float64:
@@ -195,11 +230,34 @@ class OdometryBuffer:
         reach = self._reach()
         if reach == 0.0:
             return poses[-1]
+        velocity = self._extras[-1][0]
+        if velocity is not None:
+            return compose(poses[-1], _along_arc(velocity, min(time - times[-1], reach)))
         # Carried on with the mean speed over as long a time as it may be carried on: a single step is too jittery for that.
         span = max(reach, times[-1] - times[-2])
         step = between(self._pose_at(times[-1] - span), poses[-1])
         return compose(poses[-1], step * (min(time - times[-1], reach) / span))
 
+    def _growth(self, start: float, end: float) -> tuple[float, float]:
+        """By how much odometry's own covariance grew: of a position's axis, square metres, and of the heading, square radians."""
+        ends = [bisect.bisect_right(self._times, time) - 1 for time in (start, end)]
+        if min(ends) < 0:
+            return 0.0, 0.0
+        before, after = (self._extras[index][1] for index in ends)
+        if before is None or after is None or before is after:
+            return 0.0, 0.0
+        position = 0.5 * float(np.trace(after[:2, :2]) - np.trace(before[:2, :2]))
+        return max(position, 0.0), max(float(after[2, 2] - before[2, 2]), 0.0)
+
+    @locked
+    def raw_pose_at(self, time: float) -> Float64 | None:
+        """Pose (3,) at a time in the frame that odometry comes in now; None without odometry."""
+        if not self._times:
+            return None
+        pose = self._pose_at(time)
+        return pose if self._origin is None else compose(inverse(self._origin), pose)
+
+    @locked
     def snapshot(self) -> tuple[dict[str, Float64], dict[str, object]]:
         """All that is remembered: arrays, and a header of plain values."""
         arrays = {"times": np.array(self._times), "poses": np.array(self._poses).reshape(-1, 3)}
@@ -207,9 +265,15 @@ class OdometryBuffer:
             arrays["origin"] = self._origin
         if self._suspect is not None:
             arrays["suspect"] = np.array([self._suspect[0], *self._suspect[1]])
-        return arrays, {"rejected": self.rejected, "events": self.events}
+        # Not a number where a measurement came without.
+        nothing = (np.full(3, np.nan), np.full((3, 3), np.nan))
+        for part, name in enumerate(("velocities", "covariances")):
+            some = [extras[part] if extras[part] is not None else nothing[part] for extras in self._extras]
+            arrays[name] = np.array(some).reshape(-1, *nothing[part].shape)
+        return arrays, {"rejected": self.rejected, "events": self.events, "taken": self.taken}
 
-    def restore(self, arrays: dict[str, Float64], header: dict[str, dict[str, int]]) -> None:
+    @locked
+    def restore(self, arrays: dict[str, Float64], header: dict[str, Any]) -> None:
         """Take over what `snapshot` gave.
 
         Raises
@@ -220,8 +284,30 @@ class OdometryBuffer:
         times, poses = arrays["times"], arrays["poses"]
         if times.ndim != 1 or poses.shape != (len(times), 3) or not np.all(np.diff(times) > 0.0):
             raise ValueError("odometry times and poses do not fit each other")
+        extras = arrays["velocities"], arrays["covariances"]
+        if extras[0].shape != (len(times), 3) or extras[1].shape != (len(times), 3, 3):
+            raise ValueError("odometry velocities and covariances do not fit its times")
         self._times, self._poses = [float(time) for time in times], list(poses)
+        self._extras = [(_usable(one, (3,)), _usable(other, (3, 3))) for one, other in zip(*extras, strict=True)]
+        self._measure(0)
         self._origin = arrays.get("origin")
         suspect = arrays.get("suspect")
         self._suspect = None if suspect is None else (float(suspect[0]), suspect[1:])
-        self.rejected, self.events = dict(header["rejected"]), dict(header["events"])
+        self.rejected, self.events, self.taken = dict(header["rejected"]), dict(header["events"]), int(header["taken"])
+
+
+def _usable(values: Float64 | None, shape: tuple[int, ...]) -> Float64 | None:
+    """A copy of what came with a measurement, if it is of the right shape and finite."""
+    if values is None:
+        return None
+    array = np.array(values, dtype=np.float64)
+    return array if array.shape == shape and np.isfinite(array).all() else None
+
+
+def _along_arc(velocity: Float64, seconds: float) -> Float64:
+    """Where a constant velocity leads: turning on the way, so along the chord of an arc."""
+    forward, leftward, turning = (float(value) * seconds for value in velocity)
+    half = 0.5 * turning
+    chord = math.sin(half) / half if abs(half) > 1e-9 else 1.0
+    c, s = math.cos(half), math.sin(half)
+    return np.array([chord * (c * forward - s * leftward), chord * (s * forward + c * leftward), turning])

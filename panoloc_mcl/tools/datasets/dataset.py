@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.robot.camera.spec import AnyCamera
+from panoloc_mcl.robot.camera.spec import OmniCamera, PanoramaCamera
 from panoloc_mcl.robot.errors import DatasetError
+from panoloc_mcl.robot.images import ImageSource
 from panoloc_mcl.robot.references import References
 from panoloc_mcl.tools.datasets.trajectory import Trajectory
 
@@ -30,10 +31,10 @@ class Sequence:
     path : Path
         The folder.
     times : ndarray of float64, shape (n,)
-        Seconds, strictly increasing, by the clock of odometry.
-    files : tuple of Path
+        Seconds, strictly increasing.
+    files : tuple of Path or StoredImage
         One image a time.
-    camera : AnyCamera
+    camera : PanoramaCamera or OmniCamera
     image_size : (int, int)
         Width and height.
     odometry : Trajectory or None
@@ -45,8 +46,8 @@ class Sequence:
     name: str
     path: Path
     times: FloatArray
-    files: tuple[Path, ...]
-    camera: AnyCamera
+    files: tuple[ImageSource, ...]
+    camera: PanoramaCamera | OmniCamera
     image_size: tuple[int, int]
     odometry: Trajectory | None = None
     groundtruth: Trajectory | None = None
@@ -64,7 +65,7 @@ class Dataset:
     name, description, licence : str
     path : Path
         The folder.
-    camera : AnyCamera
+    camera : PanoramaCamera or OmniCamera
         Of all images in folders without a camera of their own.
     references : References
     sequences : dict of str to Sequence
@@ -75,7 +76,7 @@ class Dataset:
     path: Path
     description: str
     licence: str
-    camera: AnyCamera
+    camera: PanoramaCamera | OmniCamera
     references: References
     sequences: dict[str, Sequence] = field(default_factory=dict)
 

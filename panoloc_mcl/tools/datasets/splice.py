@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.robot.errors import DatasetError
 from panoloc_mcl.robot.geometry import between, compose
+from panoloc_mcl.robot.images import ImageSource
 from panoloc_mcl.tools.datasets.dataset import Sequence
 from panoloc_mcl.tools.datasets.trajectory import Trajectory
 
@@ -68,7 +68,7 @@ def _spliced(
                     "select sequences that agree"
                 )
     pieces = _shuffled([piece for member in members for piece in _pieces(member, every_frames)], rng)
-    files: list[Path] = []
+    files: list[ImageSource] = []
     times, odometry, truth, kidnapped = [], [], [], []
     clock = 0.0
     standing = np.zeros(3)

@@ -5,22 +5,19 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
-from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from panoloc_mcl.robot.camera.spec import AnyCamera, to_mapping
-from panoloc_mcl.robot.errors import DatasetError
+from panoloc_mcl.robot.camera.spec import OmniCamera, PanoramaCamera, to_mapping
+from panoloc_mcl.robot.errors import DatasetError, ImageError
 from panoloc_mcl.robot.files import write_atomically
-from panoloc_mcl.robot.images import Image, write_image
+from panoloc_mcl.robot.images import Image, ImageSource, StoredImage, write_image
 from panoloc_mcl.robot.settings.validation import dump_yaml
 from panoloc_mcl.tools.datasets.dataset import Dataset
 from panoloc_mcl.tools.datasets.reader import FORMAT
 from panoloc_mcl.tools.datasets.tables import write_image_table
 from panoloc_mcl.tools.datasets.trajectory import Trajectory, write_tum
-
-MASK_FILE = "mask.png"
 
 
 class DatasetWriter:
@@ -33,12 +30,10 @@ class DatasetWriter:
     path : Path
         A folder that does not exist yet, or is empty.
     name, description, licence : str
-    camera : AnyCamera
+    camera : PanoramaCamera or OmniCamera
         Of all images in folders that get no camera of their own.
     resume : bool
         Go on in a folder that an earlier writer was stopped in.
-    poses_of : str
-        Whose poses those of the references are: ``base`` or ``camera``.
 
     Raises
     ------
@@ -50,23 +45,21 @@ class DatasetWriter:
         self,
         path: Path,
         name: str,
-        camera: AnyCamera,
+        camera: PanoramaCamera | OmniCamera,
         description: str = "",
         licence: str = "",
         resume: bool = False,
-        poses_of: Literal["base", "camera"] = "base",
     ) -> None:
         if not resume and path.exists() and (not path.is_dir() or any(path.iterdir())):
             raise DatasetError(f"{path}: already exists and is not empty; choose another folder or remove it")
         self.path, self.name, self.camera = path, name, camera
         self.description, self.licence = description, licence
-        self.poses_of = poses_of
 
     def add_references(
         self,
         images: Iterable[Image | None],
         poses: ArrayLike,
-        camera: AnyCamera | None = None,
+        camera: PanoramaCamera | OmniCamera | None = None,
         names: Iterable[str] | None = None,
     ) -> None:
         """Write the reference images and ``poses.csv``.
@@ -76,7 +69,7 @@ class DatasetWriter:
         images : iterable of ndarray or None
             8- or 16-bit, grey, BGR or BGRA; consumed one by one. None: the file is there already.
         poses : array_like of float, shape (n, 3)
-        camera : AnyCamera, optional
+        camera : PanoramaCamera or OmniCamera, optional
             When it is another than the data set's.
         names : iterable of str, optional
             File names, PNG or JPEG by their ending; ``ref_000.png`` and so on if left out.
@@ -101,7 +94,7 @@ class DatasetWriter:
         images: Iterable[Image | None],
         odometry: Trajectory | None = None,
         groundtruth: Trajectory | None = None,
-        camera: AnyCamera | None = None,
+        camera: PanoramaCamera | OmniCamera | None = None,
         names: Iterable[str] | None = None,
     ) -> None:
         """Write one sequence; parameters as in :meth:`add_references`, times in seconds, shape (n,).
@@ -132,10 +125,8 @@ class DatasetWriter:
             "name": self.name,
             "description": self.description,
             "licence": self.licence,
-            "camera": _mapping(self.path, self.camera),
+            "camera": to_mapping(self.camera),
         }
-        if self.poses_of != "base":
-            data["references"] = {"poses_of": self.poses_of}
         write_atomically(self.path / "dataset.yaml", dump_yaml(data))
         return self.path
 
@@ -158,10 +149,8 @@ def copy_dataset(dataset: Dataset, path: Path) -> Path:
     DatasetError
         The folder is not empty, or a file cannot be written.
     """
+    writer = DatasetWriter(path, dataset.name, dataset.camera, dataset.description, dataset.licence)
     references = dataset.references
-    writer = DatasetWriter(
-        path, dataset.name, dataset.camera, dataset.description, dataset.licence, poses_of=references.poses_of
-    )
     names = _copy_images(references.path, references.files, path / "references")
     rows = [(name, *(repr(float(v)) for v in pose)) for name, pose in zip(names, references.poses, strict=True)]
     write_image_table(path / "references" / "poses.csv", ("file", "x", "y", "theta"), rows)
@@ -178,23 +167,17 @@ def copy_dataset(dataset: Dataset, path: Path) -> Path:
     return writer.finish()
 
 
-def _write_camera(folder: Path, camera: AnyCamera | None, common: AnyCamera) -> None:
+def _write_camera(folder: Path, camera: PanoramaCamera | OmniCamera | None, common: PanoramaCamera | OmniCamera) -> None:
     if camera is not None and camera != common:
-        write_atomically(folder / "camera.yaml", dump_yaml(_mapping(folder, camera)))
+        write_atomically(folder / "camera.yaml", dump_yaml(to_mapping(camera)))
 
 
-def _mapping(folder: Path, camera: AnyCamera) -> dict[str, Any]:
-    """A camera's mapping; its mask becomes a picture beside the file."""
-    mapping = to_mapping(camera)
-    if camera.mask is not None:
-        write_atomically(folder / MASK_FILE, camera.mask.png())
-        mapping["mask"] = MASK_FILE
-    return mapping
-
-
-def _copy_images(source: Path, files: tuple[Path, ...], folder: Path) -> list[str]:
+def _copy_images(source: Path, files: tuple[ImageSource, ...], folder: Path) -> list[str]:
     names = []
     for index, file in enumerate(files):
+        if not isinstance(file, Path):
+            names.append(_write_stored(file, index, folder))
+            continue
         inside = file.is_relative_to(source) and ".." not in file.parts
         name = file.relative_to(source).as_posix() if inside else f"images/{index:05d}_{file.name}"
         try:
@@ -204,3 +187,21 @@ def _copy_images(source: Path, files: tuple[Path, ...], folder: Path) -> list[st
             raise DatasetError(f"{folder / name}: cannot be written ({error.strerror}); check space and rights") from error
         names.append(name)
     return names
+
+
+def _write_stored(image: StoredImage, index: int, folder: Path) -> str:
+    """Write an image of a recording: a PNG or JPEG as it is, anything else as PNG; one that cannot be read as it stands there."""
+    content = image.content()
+    ending = next((ending for start, ending in _AS_THEY_ARE.items() if content.startswith(start)), None)
+    name = f"images/{index:06d}{ending or '.png'}"
+    if ending is not None:
+        write_atomically(folder / name, content)
+        return name
+    try:
+        write_image(folder / name, image.read())
+    except ImageError:
+        write_atomically(folder / name, content)
+    return name
+
+
+_AS_THEY_ARE = {b"\x89PNG\r\n\x1a\n": ".png", b"\xff\xd8\xff": ".jpg"}

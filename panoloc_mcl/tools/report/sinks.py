@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -15,9 +14,9 @@ from panoloc_mcl.robot.camera import Unwrapper
 from panoloc_mcl.robot.errors import ImageError
 from panoloc_mcl.robot.filters import Estimate
 from panoloc_mcl.robot.geometry import FloatArray
+from panoloc_mcl.robot.images import ImageSource, read_image
 from panoloc_mcl.robot.observation import Places
 from panoloc_mcl.robot.references import ReferencePanoramas
-from panoloc_mcl.tools.datasets import read_image
 from panoloc_mcl.tools.evaluation import SequenceRecord
 
 
@@ -73,7 +72,7 @@ class Frame:
         Of ``steps.csv``: 0 for the first answer of the run.
     index : int
         Of the image in its sequence; images without an answer are left out.
-    file : Path
+    file : Path or StoredImage
         The image.
     unwrapper : Unwrapper
         That makes panoramas of these images.
@@ -87,7 +86,7 @@ class Frame:
 
     row: int
     index: int
-    file: Path
+    file: ImageSource
     unwrapper: Unwrapper
     estimate: Estimate
     particles: FloatArray

@@ -8,8 +8,9 @@ import re
 import warnings
 
 from panoloc_mcl.robot.camera import to_mapping
-from panoloc_mcl.robot.errors import ImageError, MapError, OutputError
+from panoloc_mcl.robot.errors import MapError, OutputError
 from panoloc_mcl.robot.files import cache_folder
+from panoloc_mcl.robot.images import image_bytes
 from panoloc_mcl.robot.map.panorama_map import FORMAT, PanoramaMap
 from panoloc_mcl.robot.observation import build_settings, model_named
 from panoloc_mcl.robot.progress import Progress, no_progress
@@ -60,8 +61,5 @@ def _key(dataset: Dataset, observation: ObservationSettings, seed: int) -> str:
     }
     digest.update(json.dumps(description, sort_keys=True).encode())
     for file in references.files:
-        try:
-            digest.update(hashlib.sha256(file.read_bytes()).digest())
-        except OSError as error:
-            raise ImageError(f"{file}: cannot be read ({error.strerror}); check the path and permissions") from error
+        digest.update(hashlib.sha256(image_bytes(file)).digest())
     return digest.hexdigest()[:24]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -15,19 +15,20 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.robot.errors import CameraError, ConfigError, DatasetError, ImageError, MapError
+from panoloc_mcl.robot.errors import CameraError, ConfigError, DatasetError, MapError
 from panoloc_mcl.robot.filters import Estimate
 from panoloc_mcl.robot.localizer import Localizer
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.observation import ObservationModel
 from panoloc_mcl.tools.config import RunConfig
-from panoloc_mcl.tools.datasets import Dataset, read_dataset, read_image, resolve_dataset
+from panoloc_mcl.tools.datasets import Dataset, read_dataset, resolve_dataset
 from panoloc_mcl.tools.datasets import Sequence as Drive
 from panoloc_mcl.tools.datasets.splice import splice
 from panoloc_mcl.tools.evaluation import SequenceRecord, evaluate
 from panoloc_mcl.tools.report import FrameRecorder, ResultsWriter, render_report, render_summary
 from panoloc_mcl.tools.report.sinks import Departure, Frame, NullSink, Scene, Sink, Sinks
 from panoloc_mcl.tools.runs.map_cache import cached_map
+from panoloc_mcl.tools.streams import answers, recorded
 
 
 class Monitor(Protocol):
@@ -234,7 +235,9 @@ def localize(
     estimates: list[Estimate] = []
     steps = []
     sink.begin(Departure(drive.name, repeat, *localizer.particles))
-    for index, estimate in answers(localizer, drive):
+    for image, estimate in answers(localizer, recorded(drive)):
+        index = image.index
+        estimate = replace(estimate, timestamp=image.timestamp)
         shown = None if truth is None else truth[index]
         sink.take(Frame(len(frames), index, drive.files[index], unwrapper, estimate, *localizer.particles, shown))
         frames.append(index)
@@ -255,29 +258,6 @@ def localize(
     )
     sink.end(record)
     return record, steps, localizer.images_skipped
-
-
-def answers(localizer: Localizer, drive: Drive) -> Iterator[tuple[int, Estimate]]:
-    """Feed a drive to a localizer in the order of time; yields frame indices with their estimates.
-
-    An image takes longer to arrive than an odometry measurement: it comes after the first measurement that is not older, so that the
-    motion up to it is known and not extrapolated.
-    """
-    odometry = drive.odometry
-    pending = 0
-    for index, (timestamp, file) in enumerate(zip(drive.times, drive.files, strict=True)):
-        while odometry is not None and pending < len(odometry) and (pending == 0 or odometry.times[pending - 1] < timestamp):
-            localizer.add_odometry(float(odometry.times[pending]), odometry.poses[pending])
-            pending += 1
-        image: NDArray[Any] | ImageError
-        try:
-            image = read_image(file)
-        except ImageError as error:
-            # A frame that cannot be decoded is a bad frame like any other: skipped, counted, and told with its reason.
-            image = error
-        estimate = localizer.add_image(float(timestamp), image)
-        if estimate is not None:
-            yield index, replace(estimate, timestamp=float(timestamp))
 
 
 def step_row(estimate: Estimate) -> dict[str, Any]:

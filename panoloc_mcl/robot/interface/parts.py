@@ -1,0 +1,43 @@
+"""What a localizer consists of, and who may touch it when: shared by the pages that its class is written on."""
+
+from __future__ import annotations
+
+from panoloc_mcl.robot.camera import Camera, Unwrapper
+from panoloc_mcl.robot.filters import PoseFilter, Sightings, Status
+from panoloc_mcl.robot.locks import Lock
+from panoloc_mcl.robot.map.panorama_map import PanoramaMap
+from panoloc_mcl.robot.motion import Anchor, ImageClock, OdometryBuffer
+from panoloc_mcl.robot.observation import ObservationModel
+from panoloc_mcl.robot.settings.config import LocalizerConfig
+from panoloc_mcl.robot.settings.localizer import LocalizerSettings
+
+
+class Parts:
+    """The parts of a localizer; made by `Localizer`."""
+
+    config: LocalizerConfig
+    settings: LocalizerSettings
+    images_skipped: int
+    _map: PanoramaMap
+    _revision: str
+    _camera: Camera | None
+    _image_size: tuple[int, int] | None
+    _unwrap: Unwrapper
+    _observation: ObservationModel
+    _odometry: OdometryBuffer
+    _clock: ImageClock
+    _sightings: Sightings
+    _filter: PoseFilter
+    _seed: int | tuple[int, ...]
+    # How often the pose was given or forgotten: random numbers go on from there.
+    _begun_anew: int
+    # The last answer: where the pose between images begins.
+    _anchor: tuple[Anchor, Status] | None
+    _has_fix: bool
+    # The next image counts whatever the motion gate says.
+    _forced: bool
+    _images: int
+    _gated: int
+    _reported: dict[str, int]
+    # Images are worked off one at a time; neither odometry nor `pose_at` waits for them.
+    _lock: Lock
