@@ -143,7 +143,7 @@ def compare(plan: Plan, out: Path, engine: Engine | None = None, monitor: Monito
         drawn = draw_plots(folder, groups)
     elif plots:
         monitor.notice('no plots: install matplotlib (pip install "panoloc-mcl[plot]")')
-    summary = render_summary(plan.name, plan.description, groups, found, drawn)
+    summary = render_summary(plan.name, plan.description, groups, found, drawn, entries)
     # Last: a folder without it is one of a comparison that did not finish.
     write_atomically(folder / SUMMARY, summary)
     return Study(folder, entries, rows, groups, found, summary, ran)

@@ -11,14 +11,20 @@ import numpy as np
 
 from panoloc_mcl import __version__
 from panoloc_mcl.laboratory.comparison.pooling import PAIRED, Difference, Group
-from panoloc_mcl.laboratory.comparison.tables import Kind, Row
+from panoloc_mcl.laboratory.comparison.reality import has_imperfections, imperfections
+from panoloc_mcl.laboratory.comparison.tables import Entry, Kind, Row
 from panoloc_mcl.tools.evaluation.tables import BLANK, interval, number, out_of, percent
 
 _WITHIN = "0.25m_2deg"
 
 
 def render_summary(
-    name: str, description: str, groups: Sequence[Group], found: Sequence[Difference], drawn: Sequence[str]
+    name: str,
+    description: str,
+    groups: Sequence[Group],
+    found: Sequence[Difference],
+    drawn: Sequence[str],
+    entries: Sequence[Entry] = (),
 ) -> str:
     """The text of ``summary.md``.
 
@@ -29,6 +35,8 @@ def render_summary(
     found : sequence of Difference
     drawn : sequence of str
         Files of the plots.
+    entries : sequence of Entry
+        What the groups are of, for the table of imperfections.
     """
     runs = sum(len(group.records) for group in groups)
     failed = sum(len(group.failures) for group in groups)
@@ -46,6 +54,18 @@ def render_summary(
     ]
     if len({group.method for group in groups}) > 1:
         lines += ["## Ranking", "", *ranking(groups), ""]
+    if has_imperfections(entries):
+        lines += [
+            "## Imperfections of recordings",
+            "",
+            "Lights pooled. One image: nothing known, right within 0.5 m and 10°; median and p95 of all that say anything. Filter: "
+            "after convergence. Aligned: with the map's frame turned and shifted onto the true one, since a map that was surveyed with "
+            "errors lies where it lies. Sure and wrong: converged, and off by more than 1 m or 20°. Within 2 sd: of converged answers; "
+            "95 % should be.",
+            "",
+            *imperfections(entries),
+            "",
+        ]
     lines += ["## Figures", "", *figures(groups), ""]
     if found:
         lines += [

@@ -1,0 +1,92 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from panoloc_mcl.laboratory.comparison.reality import HEADS, Watched, aligned, has_imperfections, imperfections
+from panoloc_mcl.laboratory.comparison.runs import Answers, Runs
+from panoloc_mcl.robot.geometry import compose
+
+
+def watched(entry, poses=None, sd=0.01, alone=None, **record):
+    """A run with answers of the covariance ``sd``, and with poses and single images as given."""
+    (before,) = entry(**record).result.records
+    record = before if poses is None else replace(before, poses=poses(before.truth))
+    covariances = np.tile(np.diag([sd, sd, sd]) ** 2, (len(record), 1, 1))
+    single = record.truth.copy() if alone is None else alone(record.truth)
+    return Watched(0, record, Answers(single, np.ones(len(record)), covariances))
+
+
+def cells(entry, runs):
+    """The row of runs as a mapping from head to cell."""
+    whole = replace(entry(), result=Runs(tuple(w.record for w in runs), np.zeros((1, 2)), tuple(w.answers for w in runs)))
+    lines = imperfections([whole])
+    assert len(lines) == 3
+    return dict(zip(HEADS, [cell.strip() for cell in lines[2].strip("|").split("|")], strict=True))
+
+
+@pytest.mark.parametrize("frame", [(0.3, -0.2, 0.0), (1.0, 2.0, 0.4)])
+def test_a_frame_that_lies_elsewhere_is_no_error_when_aligned(entry, frame):
+    curved = np.column_stack([np.arange(30) * 0.1, np.sin(np.arange(30) * 0.2), np.zeros(30)])
+    base = watched(entry, frames=30)
+    record = replace(base.record, truth=curved, poses=compose(np.array(frame), curved))
+    np.testing.assert_allclose(aligned([replace(base, record=record)]), 0.0, atol=1e-12)
+    # A tenth of the answers being far off does not bend the frame.
+    far = record.poses.copy()
+    far[::10, :2] += 3.0
+    errors = aligned([replace(base, record=replace(record, poses=far))])
+    assert np.sort(errors)[:27].max() < 1e-9
+    assert np.sort(errors)[-3:].min() > 2.0
+
+
+def test_each_seed_has_a_frame_of_its_own(entry):
+    one = watched(entry, lambda truth: compose(np.array([0.5, 0.0, 0.0]), truth), frames=10)
+    other = replace(watched(entry, lambda truth: compose(np.array([-0.5, 0.0, 0.0]), truth), frames=10), seed=1)
+    np.testing.assert_allclose(aligned([one, other]), 0.0, atol=1e-12)
+    assert aligned([one, replace(other, seed=0)]).min() > 0.1
+
+
+def test_single_images_are_judged_by_themselves(entry):
+    def alone(truth):
+        poses = truth + np.array([0.02, 0.0, 0.0])
+        poses[0] = np.nan
+        poses[1, 0] += 2.0
+        return poses
+
+    row = cells(entry, [watched(entry, alone=alone, frames=10)])
+    assert row["one image: right %"] == "80.0"
+    assert row["filter: found itself"] == "1/1"
+
+
+def test_an_answer_that_is_sure_and_wrong_counts_as_an_image_and_as_a_run(entry):
+    def wrong_at_first(truth):
+        poses = truth.copy()
+        poses[:3, 1] += 1.5
+        return poses
+
+    runs = [watched(entry, wrong_at_first, frames=10), watched(entry, lambda truth: truth.copy(), light="dusk", frames=10)]
+    row = cells(entry, runs)
+    assert row["sure and wrong: images %"] == "15.0"
+    assert row["runs"] == "1/2"
+
+
+def test_claims_are_held_against_the_truth(entry):
+    rng = np.random.default_rng(0)
+
+    def noisy(truth):
+        return truth + np.pad(rng.normal(0.0, 0.02, (len(truth), 2)), ((0, 0), (0, 1)))
+
+    honest = cells(entry, [watched(entry, noisy, sd=0.02, frames=2000)])
+    boastful = cells(entry, [watched(entry, noisy, sd=0.005, frames=2000)])
+    assert float(honest["within 2 sd, %"]) == pytest.approx(95.4, abs=1.5)
+    assert float(boastful["within 2 sd, %"]) < 30.0
+
+
+def test_failures_and_methods_are_named(entry):
+    entries = [entry(failure="no map"), entry(method="paper")]
+    lines = imperfections(entries)
+    assert "failed: no map" in lines[2]
+    assert "clean, votes" in lines[2]
+    assert "clean, paper" in lines[3]
+    assert not has_imperfections(entries)
+    assert has_imperfections([entry(corruption="bars:0.5"), entry(corruption="jpeg:mild")])
