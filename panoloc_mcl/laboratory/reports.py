@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,18 +16,20 @@ from panoloc_mcl.tools.evaluation import bootstrap95, interval95_over_drives
 from panoloc_mcl.tools.evaluation.tables import BLANK
 
 
-class Cell(Protocol):
+class Cell(ABC):
     """A figure with what it takes to be believed."""
 
+    @abstractmethod
     def text(self) -> str:
         """For the Markdown table."""
 
+    @abstractmethod
     def data(self) -> Any:
         """For JSON: plain values."""
 
 
 @dataclass(frozen=True)
-class Rate:
+class Rate(Cell):
     """So many of so many, over drives.
 
     Parameters
@@ -66,7 +69,7 @@ class Rate:
 
 
 @dataclass(frozen=True)
-class Number:
+class Number(Cell):
     """A number and its decimals; None is one that does not apply."""
 
     value: float | None
@@ -82,7 +85,7 @@ class Number:
 
 
 @dataclass(frozen=True)
-class Spread:
+class Spread(Cell):
     """Median, 95th percentile and maximum of some values, infinite ones included."""
 
     values: ArrayLike = field(repr=False)
@@ -107,7 +110,7 @@ class Spread:
 
 
 @dataclass(frozen=True)
-class Ratio:
+class Ratio(Cell):
     """How many times as large one time is as another, measured in the same rounds.
 
     Parameters
@@ -209,8 +212,8 @@ def markdown_row(cells: Iterable[str]) -> str:
 
 
 def _text(cell: Any) -> str:
-    return str(cell.text()) if hasattr(cell, "text") else BLANK if cell is None else str(cell)
+    return cell.text() if isinstance(cell, Cell) else BLANK if cell is None else str(cell)
 
 
 def _data(cell: Any) -> Any:
-    return cell.data() if hasattr(cell, "data") else cell
+    return cell.data() if isinstance(cell, Cell) else cell

@@ -5,6 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 
+def did_you_mean(word: object, known: Iterable[str]) -> str:
+    """``did you mean '…'?`` with the word that is most alike; empty where none is alike."""
+    import difflib
+
+    close = difflib.get_close_matches(str(word), list(known), n=1, cutoff=0.5)
+    return f"did you mean '{close[0]}'?" if close else ""
+
+
 class PanolocError(Exception):
     """Root of every known error; carries one or more faults, each a single line.
 

@@ -70,13 +70,21 @@ def _execute(args: argparse.Namespace) -> int:
     from panoloc_mcl.robot.files import write_atomically
     from panoloc_mcl.tools.report import strict_json
 
+    def as_json(report: Report) -> str:
+        return strict_json({"command": args.command_line, **report.data()})
+
+    def keep(report: Report) -> None:
+        if args.out is not None:
+            write_atomically(Path(args.out) / "report.md", report.markdown())
+            write_atomically(Path(args.out) / "report.json", as_json(report))
+
+    # For those that take long: what is there after each part.
+    args.keep = keep
     report = args.member.execute(args)
-    data = strict_json({"command": args.command_line, **report.data()})
+    keep(report)
+    print(as_json(report) if args.json else report.markdown(), end="")
     if args.out is not None:
-        write_atomically(Path(args.out) / "report.md", report.markdown())
-        write_atomically(Path(args.out) / "report.json", data)
         print(f"written: {args.out}", file=sys.stderr)
-    print(data if args.json else report.markdown(), end="")
     return 0
 
 

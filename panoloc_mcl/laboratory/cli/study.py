@@ -6,7 +6,9 @@ from panoloc_mcl.laboratory.cli.reporting import family
 
 #: One line a study: a module of `cli/studies` with its arguments in a ``COMMAND``; the work is in `laboratory/studies`.
 STUDIES = (
+    "filter",
     "images",
+    "ablation",
     "confidence",
     "poses",
 )

@@ -33,19 +33,15 @@ from panoloc_mcl.robot.observation import ObservationModel, VoteField, model_nam
 from panoloc_mcl.tools.config import RunConfig
 from panoloc_mcl.tools.datasets import Dataset, read_dataset, resolve_dataset
 from panoloc_mcl.tools.datasets import Sequence as Drive
+from panoloc_mcl.tools.datasets.splice import teleports_of
 from panoloc_mcl.tools.datasets.thinning import thinned
 from panoloc_mcl.tools.runs.map_cache import cached_map
 from panoloc_mcl.tools.runs.pipeline import Task, check_task, localize, make_tasks
 
 # Parts that change no figure.
-_WITHOUT_FIGURES = (
-    "__init__.py",
-    "tools/cli/",
-    "tools/report/",
-    "laboratory/cli/",
-    "laboratory/comparison/",
-    "laboratory/simulation/",
-)
+_WITHOUT_FIGURES = ("tools/cli/", "tools/report/", "laboratory/", "__init__.py", "__main__.py")
+# But for these.
+_WITH_FIGURES = ("laboratory/comparison/cell.py", "laboratory/corruptions/", "laboratory/peers/")
 _MAPS_KEPT = 4
 
 # One cell at a time in a process: limits of BLAS hold for all of its threads.
@@ -110,7 +106,7 @@ def code_digest() -> str:
     digest = hashlib.sha256(__version__.encode())
     for file in sorted(root.rglob("*.py")):
         name = file.relative_to(root).as_posix()
-        if not name.startswith(_WITHOUT_FIGURES) or name == "laboratory/comparison/cell.py":
+        if name.startswith(_WITH_FIGURES) or not name.startswith(_WITHOUT_FIGURES):
             digest.update(name.encode() + file.read_bytes())
     return digest.hexdigest()[:16]
 
@@ -251,12 +247,9 @@ class _Disturbed:
 
     def observe(self, panorama: Panorama, headings: NDArray[np.float64] | None = None) -> VoteField:
         """Votes of the corrupted panorama."""
-        grey = np.clip(np.rint(panorama.pixels), 0.0, 255.0).astype(np.uint8)
-        rng = np.random.default_rng((*self._salt, zlib.crc32(grey.tobytes())))
-        pixels = self._recipe.image(grey, rng, self._elevation_deg).astype(np.float32)
-        if panorama.valid is not None:
-            pixels[~panorama.valid] = 0.0
-        return self._model.observe(Panorama(pixels, panorama.valid), headings)
+        seen = np.clip(np.rint(panorama.pixels), 0.0, 255.0).astype(np.uint8)
+        rng = np.random.default_rng((*self._salt, zlib.crc32(seen.tobytes())))
+        return self._model.observe(self._recipe.panorama(panorama, rng, self._elevation_deg), headings)
 
 
 def _shortened(task: Task, recipe: Recipe, seed: int) -> Task:
@@ -269,11 +262,7 @@ def _shortened(task: Task, recipe: Recipe, seed: int) -> Task:
         return task
     if not len(left):
         raise DatasetError(f"sequence {drive.name}: no frame is left of {count}; drop fewer")
-    # A teleport at a dropped frame counts at the next one.
-    before = np.concatenate([[0], np.cumsum(task.kidnapped)])[left + 1]
-    kidnapped = np.concatenate([[False], np.diff(before) > 0])
-    files = tuple(drive.files[index] for index in left)
-    return Task(replace(drive, times=drive.times[left], files=files), kidnapped)
+    return Task(drive.of(left), teleports_of(task.kidnapped, left))
 
 
 @lru_cache(maxsize=16)

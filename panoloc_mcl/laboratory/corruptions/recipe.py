@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -14,7 +13,8 @@ from pydantic import Field
 from panoloc_mcl.laboratory.corruptions import images
 from panoloc_mcl.laboratory.corruptions.imperfections import IMPERFECTIONS, LEVELS, Use
 from panoloc_mcl.laboratory.corruptions.sequences import drop_frames
-from panoloc_mcl.robot.errors import ConfigError
+from panoloc_mcl.robot.camera import Panorama
+from panoloc_mcl.robot.errors import ConfigError, did_you_mean
 from panoloc_mcl.robot.settings.validation import StrictModel, parse_yaml, validate
 
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -157,6 +157,16 @@ class Recipe:
                 corrupted = corruption.apply(corrupted, rng, **severities, **told)
         return corrupted
 
+    def panorama(self, panorama: Panorama, rng: np.random.Generator, elevation_deg: tuple[float, float]) -> Panorama:
+        """The corrupted panorama; what the camera does not see stays so."""
+        if not self.changes_images:
+            return panorama
+        grey = np.clip(np.rint(panorama.pixels), 0.0, 255.0).astype(np.uint8)
+        pixels = self.image(grey, rng, elevation_deg).astype(np.float32)
+        if panorama.valid is not None:
+            pixels[~panorama.valid] = 0.0
+        return Panorama(pixels, panorama.valid)
+
     def frames(self, count: int, rng: np.random.Generator) -> NDArray[np.int64]:
         """Ascending indices of the frames that are left of ``count``, int64 (n,)."""
         left = np.arange(count, dtype=np.int64)
@@ -211,8 +221,7 @@ def _step(text: str, source: str) -> tuple[Corruption, dict[str, Any]]:
     corruption = CORRUPTIONS.get(name)
     if corruption is None:
         known = [*CORRUPTIONS, *IMPERFECTIONS, EVERYTHING, CLEAN]
-        close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-        remedy = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(known)}"
+        remedy = did_you_mean(name, known) or f"known: {', '.join(known)}"
         raise ConfigError(f"{source}: unknown corruption '{name}'; {remedy}")
     given = _severities(severities, text, source, next(iter(corruption.parameters.model_fields)))
     return corruption, validate(corruption.parameters, given, f"{source}: {name}").model_dump()

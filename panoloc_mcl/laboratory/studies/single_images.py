@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -104,15 +104,10 @@ class Viewer:
         unwrap = self._unwrappers.get(key) or self._map.unwrapper(*key)
         self._unwrappers[key] = unwrap
         panorama: Panorama = unwrap(read_image(frame.file))
-        if recipe is None or not recipe.changes_images:
+        if recipe is None:
             return panorama
         rng = np.random.default_rng([self._seed, frame.number, zlib.crc32(recipe.text.encode())])
-        geometry = self._map.geometry
-        grey = np.clip(np.rint(panorama.pixels), 0.0, 255.0).astype(np.uint8)
-        pixels = recipe.image(grey, rng, (geometry.elevation_bottom_deg, geometry.elevation_top_deg)).astype(np.float32)
-        if panorama.valid is not None:
-            pixels[~panorama.valid] = 0.0
-        return replace(panorama, pixels=pixels)
+        return recipe.panorama(panorama, rng, self._map.geometry.elevation_deg)
 
 
 @dataclass(frozen=True)

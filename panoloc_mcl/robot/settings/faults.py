@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -10,6 +9,8 @@ from types import UnionType
 from typing import Any, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
+
+from panoloc_mcl.robot.errors import did_you_mean
 
 Location = tuple[str | int, ...]
 #: What to call the origin of the value at a location: a file, or ``--set …``.
@@ -84,7 +85,8 @@ def _from_pydantic(model: type[BaseModel], data: Mapping[str, Any], entry: Mappi
     location = _in_data(entry["loc"], kind, data)
     message, _, remedy = _worded(kind, str(entry["msg"])).partition("; ")
     if kind == "literal_error":
-        remedy = _nearest_value(value, str(entry["ctx"]["expected"])) or _REMEDIES["literal"]
+        allowed = re.findall(r"'([^']*)'", str(entry["ctx"]["expected"]))
+        remedy = did_you_mean(value, allowed) or _REMEDIES["literal"]
     elif kind == "list_type" and isinstance(value, str | int):
         remedy = f"write a list: [{value}]"
     elif kind == "model_type":
@@ -153,17 +155,10 @@ def _shown(value: object) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def _nearest_value(value: object, expected: str) -> str | None:
-    close = difflib.get_close_matches(str(value), re.findall(r"'([^']*)'", expected), n=1, cutoff=0.5)
-    return f"did you mean '{close[0]}'?" if close else None
-
-
 def _nearest_key(model: type[BaseModel], location: Location) -> str:
     names = _known_keys(model, location[:-1])
-    close = difflib.get_close_matches(str(location[-1]), names, n=1, cutoff=0.5)
-    if close:
-        return f"; did you mean '{close[0]}'?"
-    return f"; known keys here: {', '.join(sorted(names))}" if names else "; remove it"
+    known = f"known keys here: {', '.join(sorted(names))}" if names else "remove it"
+    return f"; {did_you_mean(location[-1], names) or known}"
 
 
 def _known_keys(model: type[BaseModel], path: Location) -> set[str]:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from panoloc_mcl import __version__
+from panoloc_mcl.robot.errors import did_you_mean
 from panoloc_mcl.tools.cli.command import Command
 
 
@@ -54,15 +54,15 @@ def parse(commands: Sequence[Command], argv: Sequence[str]) -> argparse.Namespac
     parser, of_command = _build(commands)
     wanted = next((word for word in argv if not word.startswith("-")), None)
     if wanted is not None and wanted not in of_command:
-        parser.error(f"unknown command '{wanted}'{_nearest(wanted, of_command)}")
+        parser.error(_joined(f"unknown command '{wanted}'", did_you_mean(wanted, of_command)))
     args, unknown = parser.parse_known_args(argv)
     if args.command is None:
         parser.error("no command given")
     if unknown:
         used: Parser = args.parser
         # A word too many is no option in another spelling.
-        near = _nearest(unknown[0].partition("=")[0], used.spellings) if unknown[0].startswith("-") else ""
-        used.error(f"cannot understand '{unknown[0]}'{near}")
+        near = did_you_mean(unknown[0].partition("=")[0], used.spellings) if unknown[0].startswith("-") else ""
+        used.error(_joined(f"cannot understand '{unknown[0]}'", near))
     return args
 
 
@@ -89,10 +89,9 @@ def _build(commands: Sequence[Command]) -> tuple[Parser, dict[str, Parser]]:
     return parser, of_command
 
 
+def _joined(message: str, hint: str) -> str:
+    return f"{message}; {hint}" if hint else message
+
+
 def _sentence(text: str) -> str:
     return f"{text[:1].upper()}{text[1:]}."
-
-
-def _nearest(word: str, known: Sequence[str] | dict[str, Parser]) -> str:
-    close = difflib.get_close_matches(word, list(known), n=1, cutoff=0.5)
-    return f"; did you mean '{close[0]}'?" if close else ""

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import difflib
 import fnmatch
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from panoloc_mcl.robot.camera.spec import OmniCamera, PanoramaCamera
-from panoloc_mcl.robot.errors import DatasetError
+from panoloc_mcl.robot.errors import DatasetError, did_you_mean
 from panoloc_mcl.robot.images import ImageSource
 from panoloc_mcl.robot.references import References
 from panoloc_mcl.tools.datasets.trajectory import Trajectory
@@ -54,6 +53,11 @@ class Sequence:
 
     def __len__(self) -> int:
         return len(self.files)
+
+    def of(self, frames: ArrayLike) -> Sequence:
+        """The same drive with some of its images only: ascending indices, int (m,)."""
+        left = np.asarray(frames, dtype=np.int64)
+        return replace(self, times=self.times[left], files=tuple(self.files[index] for index in left))
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +111,5 @@ class Dataset:
 
 
 def _suggest(name: str, known: list[str]) -> str:
-    close = difflib.get_close_matches(name, known, n=1)
-    if close:
-        return f"; did you mean '{close[0]}'?"
-    return f"; there are: {', '.join(known)}" if known else "; this data set has no sequences"
+    there_are = f"there are: {', '.join(known)}" if known else "this data set has no sequences"
+    return f"; {did_you_mean(name, known) or there_are}"

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import difflib
 from pathlib import Path
 
-from panoloc_mcl.robot.errors import DatasetError
+from panoloc_mcl.robot.errors import DatasetError, did_you_mean
 
 #: Folders of the data sets in the package, by name.
 EMBEDDED: dict[str, Path] = {
@@ -35,6 +34,5 @@ def resolve_dataset(name_or_path: str | Path) -> Path:
         return embedded
     if path.is_dir():
         return path
-    close = difflib.get_close_matches(str(name_or_path), EMBEDDED, n=1)
-    hint = f"did you mean '{close[0]}'?" if close else "check the path"
+    hint = did_you_mean(name_or_path, EMBEDDED) or "check the path"
     raise DatasetError(f"dataset = '{name_or_path}': neither a folder nor an embedded data set ({', '.join(EMBEDDED)}); {hint}")

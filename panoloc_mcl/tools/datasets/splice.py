@@ -6,7 +6,7 @@ from collections import defaultdict
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from panoloc_mcl.robot.errors import DatasetError
 from panoloc_mcl.robot.geometry import between, compose
@@ -50,6 +50,23 @@ def splice(sequences: list[Sequence], every_frames: int, rng: np.random.Generato
     for sequence in sequences:
         groups[group_of(sequence.name)].append(sequence)
     return [_spliced(name, members, every_frames, rng) for name, members in groups.items()]
+
+
+def teleports_of(kidnapped: NDArray[np.bool_], frames: ArrayLike) -> NDArray[np.bool_]:
+    """Teleports of a part of the frames: one at a frame that is left out counts at the next that is not.
+
+    Parameters
+    ----------
+    kidnapped : bool (n,)
+    frames : array_like of int (m,)
+        Ascending indices of the frames that are left, m >= 1.
+
+    Returns
+    -------
+    bool (m,)
+    """
+    upto = np.concatenate([[0], np.cumsum(kidnapped)])[np.asarray(frames, dtype=np.int64) + 1]
+    return np.concatenate([[False], np.diff(upto) > 0])
 
 
 def _spliced(

@@ -23,7 +23,7 @@ from panoloc_mcl.robot.observation import ObservationModel
 from panoloc_mcl.tools.config import RunConfig
 from panoloc_mcl.tools.datasets import Dataset, read_dataset, resolve_dataset
 from panoloc_mcl.tools.datasets import Sequence as Drive
-from panoloc_mcl.tools.datasets.splice import splice
+from panoloc_mcl.tools.datasets.splice import splice, teleports_of
 from panoloc_mcl.tools.evaluation import SequenceRecord, evaluate
 from panoloc_mcl.tools.report import FrameRecorder, ResultsWriter, render_report, render_summary
 from panoloc_mcl.tools.report.sinks import Departure, Frame, NullSink, Scene, Sink, Sinks
@@ -254,7 +254,7 @@ def localize(
         status=tuple(estimate.status.value for estimate in estimates),
         best_place=np.array([estimate.best_place for estimate in estimates]),
         step_ms=np.array([sum(estimate.stage_ms.values()) for estimate in estimates]),
-        kidnapped=_carried_over(task.kidnapped, frames),
+        kidnapped=teleports_of(task.kidnapped, frames),
     )
     sink.end(record)
     return record, steps, localizer.images_skipped
@@ -309,10 +309,3 @@ def _version(distribution: str) -> str:
         return version(distribution)
     except PackageNotFoundError:
         return "not installed"
-
-
-def _carried_over(kidnapped: NDArray[np.bool_], frames: list[int]) -> NDArray[np.bool_]:
-    """Teleports at frames that gave no answer count at the next one that did."""
-    count_before = np.concatenate([[0], np.cumsum(kidnapped)])
-    upto = count_before[np.array(frames) + 1]
-    return np.concatenate([[False], np.diff(upto) > 0])

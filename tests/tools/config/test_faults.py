@@ -6,9 +6,9 @@ from panoloc_mcl.robot.errors import ConfigError
 
 def test_three_mistakes_are_all_named(faults):
     assert faults("sed: 1\nruns: 0\nlocalizer: {mode: monte_karlo}\n") == [
-        "run.yaml: runs = 0: must be greater than or equal to 1; raise it",
         "run.yaml: localizer.mode = 'monte_karlo': must be 'monte_carlo', 'kalman_orientation' or 'odometry_only'; "
         "did you mean 'monte_carlo'?",
+        "run.yaml: runs = 0: must be greater than or equal to 1; raise it",
         "run.yaml: unknown key 'sed'; did you mean 'seed'?",
     ]
 
