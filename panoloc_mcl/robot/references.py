@@ -10,12 +10,8 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.robot.camera import Camera, Panorama, PanoramaGeometry, Unwrapper, geometry_of
 from panoloc_mcl.robot.errors import DatasetError
-from panoloc_mcl.robot.geometry import angle_difference
 from panoloc_mcl.robot.images import ImageSource, read_image
 from panoloc_mcl.robot.progress import Progress, no_progress
-
-_SAME_PLACE_M = 1e-3
-_SAME_HEADING = 1e-3  # radians
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,13 +93,10 @@ def read_references(source: References, progress: Progress = no_progress) -> Ref
     Raises
     ------
     DatasetError, ImageError
-        No references, two at one pose, or images that cannot be used.
+        No references, or images that cannot be used.
     """
     if len(source) == 0:
         raise DatasetError(f"{source.path}: no references; a map needs at least one row in poses.csv")
-    doubles = same_poses(source)
-    if doubles:
-        raise DatasetError(doubles)
     geometry = geometry_of(source.camera, source.image_size)
     pixels = np.empty((len(source), *geometry.shape), dtype=np.uint8)
     seen: list[NDArray[np.bool_] | None] = []
@@ -136,22 +129,3 @@ def _stacked(seen: list[NDArray[np.bool_] | None], shape: tuple[int, int]) -> ND
     if all(mask is masks[0] or np.array_equal(mask, masks[0]) for mask in masks):
         return np.broadcast_to(masks[0], (len(masks), *shape))
     return np.stack(masks)
-
-
-def same_poses(references: References) -> list[str]:
-    """One line for each two references at one position and heading, within 1 mm and 1 mrad.
-
-    Several headings at one position are several views of it, and welcome.
-    """
-    # Slow to import, and only the check needs it.
-    from scipy.spatial import cKDTree
-
-    faults = []
-    poses = references.poses
-    for first, second in sorted(cKDTree(poses[:, :2]).query_pairs(_SAME_PLACE_M)):
-        if abs(float(angle_difference(poses[first, 2], poses[second, 2]))) < _SAME_HEADING:
-            faults.append(
-                f"{references.path / 'poses.csv'}: {references.files[first].name} and {references.files[second].name} "
-                f"have the same pose ({poses[first, 0]:g}, {poses[first, 1]:g}, {poses[first, 2]:g}); keep one of them"
-            )
-    return faults

@@ -65,9 +65,9 @@ def study(
         (
             "data set",
             "disturbance",
-            "wrong poses refused (95 %)",
+            "wrong poses left out (95 %)",
             "wrong, only without virtual places",
-            "right poses refused",
+            "right poses left out",
             "right, without virtual places",
             "map has virtual places",
         ),
@@ -148,14 +148,14 @@ def turned(image: np.ndarray, degrees: float) -> np.ndarray:
 
 
 def judged(references: ReferencePanoramas, threads: int | None) -> tuple[set[str], set[str], bool]:
-    """Names that are refused, names that only get no virtual places, and whether the map has any."""
+    """Names that are left out, names that only get no virtual places, and whether the map has any."""
     settings, threads = VotesSettings(), threads or os.cpu_count() or 1
     height = references.camera_height_m
     if height is None:
         raise DatasetError("the data set does not say how high the camera is; add camera.height_m to dataset.yaml")
     synthesizer = ViewSynthesizer(references, sweep_profiles(references, height, settings, threads=threads), height)
     check = check_poses(synthesizer, Places(references.positions).spacing, settings, threads=threads)
-    refused = {fault.removeprefix("reference ").split(":")[0] for fault in check.faults}
+    refused = {references.names[index] for index in np.flatnonzero(check.doubted)}
     return refused, {references.names[index] for index in np.flatnonzero(check.alone)} - refused, check.helps
 
 

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from panoloc_mcl.robot.synthesis.spacing import LEAST_REACH_M, local_spacings, usual_spacing
+
 Float64 = NDArray[np.float64]
 
 _NEIGHBOURS = 4
@@ -49,16 +51,22 @@ class Places:
     @cached_property
     def spacing(self) -> float:
         """Median distance of a place to its nearest neighbour, metres; 1.0 for a single place."""
-        # Several references at one place are one place.
-        distinct = np.unique(self.positions, axis=0)
-        if len(distinct) < 2:
-            return 1.0
-        return float(np.median(np.asarray(cKDTree(distinct).query(distinct, k=2)[0])[:, 1]))
+        return usual_spacing(self.positions)
 
-    @property
+    @cached_property
+    def reaches(self) -> Float64:
+        """How far from each place the map still holds, float64 (k,), metres.
+
+        At least one spacing, so that the middle of a grid's cell is covered, and farther where places are sparse. Where the places are
+        the references themselves, a robot off their tracks is on the map, too.
+        """
+        least = max(self.spacing, LEAST_REACH_M) if self.references is None else self.spacing
+        return np.clip(local_spacings(self.positions), least, max(2.0 * self.spacing, least))
+
+    @cached_property
     def reach(self) -> float:
-        """How far from a place the map still holds, metres: one spacing, so that the middle of a grid's cell is covered."""
-        return self.spacing
+        """The farthest of them, metres."""
+        return float(self.reaches.max())
 
     @cached_property
     def _tree(self) -> cKDTree:
@@ -80,7 +88,7 @@ class Places:
 
         Weights are those of Franke & Little (modified Shepard): ``(R - d) / (R d)`` with R the distance of the first place that is
         no longer used, so they are continuous where the set of neighbours changes, and 1 at the place itself. Cells farther from
-        every place than `reach` are off the map and have weight 0.
+        every place than its `reaches` are off the map and have weight 0.
         """
         first_place, high = self.positions.min(axis=0), self.positions.max(axis=0) + self.reach
         cell = self.spacing / _CELLS_PER_SPACING
@@ -114,7 +122,7 @@ class Places:
         totals = weights.sum(axis=1, keepdims=True)
         # Neighbours all exactly as far as the first unused one: equal weights.
         weights = np.where(totals > 0.0, weights / np.where(totals > 0.0, totals, 1.0), 1.0 / used)
-        weights[distances[:, 0] > self.reach] = 0.0
+        weights[~(distances[:, :used] <= self.reaches[indices[:, :used]]).any(axis=1)] = 0.0
         return indices[:, :used], weights
 
     def sample_uniform(self, count: int, rng: np.random.Generator) -> Float64:
@@ -130,4 +138,6 @@ class Places:
 
     def contains(self, positions: Float64) -> NDArray[np.bool_]:
         """Which positions (n, 2) lie on the map, bool (n,)."""
-        return np.asarray(self._tree.query(positions)[0] <= self.reach)
+        used = min(_NEIGHBOURS, len(self))
+        distances, near = (np.asarray(part).reshape(-1, used) for part in self._tree.query(positions, k=used))
+        return np.asarray((distances <= self.reaches[near]).any(axis=1))

@@ -20,18 +20,20 @@ from scipy.spatial import cKDTree
 from panoloc_mcl.robot.camera import Panorama
 from panoloc_mcl.robot.eigenspace.gradients import check_filter_size, orientations
 from panoloc_mcl.robot.eigenspace.pca import eigenspace_of
-from panoloc_mcl.robot.errors import MapError
 from panoloc_mcl.robot.observation.base import Arrays
 from panoloc_mcl.robot.observation.calibration import Calibration, calibrate
 from panoloc_mcl.robot.observation.field import VoteField, at_headings, silent_field
 from panoloc_mcl.robot.observation.overlap import OverlapNorms, block_energy, block_usable, squared_magnitude
 from panoloc_mcl.robot.observation.places import Places
+from panoloc_mcl.robot.observation.sources import check_texture, sources_of
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.references import ReferencePanoramas
 from panoloc_mcl.robot.settings.observation import VotesSettings
-from panoloc_mcl.robot.synthesis import PoseRefiner, ViewSynthesizer, check_poses, places_of, sweep_profiles, synthetic_features
+from panoloc_mcl.robot.synthesis import PoseRefiner, ViewSynthesizer, places_of, synthetic_features
+from panoloc_mcl.robot.synthesis.spacing import usual_spacing
 
 Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
 Complex64 = NDArray[np.complex64]
 
 # What votes at the true pose fall short of the best ones, where it was not learnt; and at the least: few references teach no trust.
@@ -69,6 +71,8 @@ class VotesModel:
         What the user should know of the map.
     calibration : Calibration, optional
         What held-out references taught; without one, no confidence is given.
+    used : int64 (m,), optional
+        References that the model is made from: those that tell something new and are not doubted. All, by default.
     """
 
     name = "votes"
@@ -88,12 +92,14 @@ class VotesModel:
         synthesizer: ViewSynthesizer | None = None,
         notes: tuple[str, ...] = (),
         calibration: Calibration | None = None,
+        used: NDArray[np.int64] | None = None,
     ) -> None:
         self.places = places
         self.settings = settings
         self.kept = kept
         self.notes = notes
         self.calibration = calibration
+        self._used = used
         self._spectra = spectra
         self._coefficients = coefficients
         self._norms = OverlapNorms(energy, usable)
@@ -117,9 +123,11 @@ class VotesModel:
             A reference without usable texture, filters larger than the panoramas, or more eigenimages asked for than there are.
         """
         check_filter_size(references.geometry.shape, settings)
-        _check_texture(references, settings)
-        synthesizer, notes = _synthesizer(references, settings, progress)
-        places = _places(references, settings, synthesizer)
+        check_texture(references, settings)
+        everywhere = references.positions
+        used, synthesizer, notes = sources_of(references, settings, progress, _threads(settings))
+        references = references.of(used)
+        places = _places(references, everywhere, settings, synthesizer)
         rows, columns = references.geometry.shape
         energies: dict[int, Float32] = {}
         shares: dict[int, Float32] = {}
@@ -151,7 +159,17 @@ class VotesModel:
         for index, eigenimage in enumerate(eigenspace.eigenimages):
             spectra[:, index, :] = fft.fft(eigenimage.reshape(rows, columns), axis=1).conj().T[kept]
         model = cls(
-            places, settings, columns, spectra, eigenspace.coefficients, energy, usable, eigenspace.kept, synthesizer, notes
+            places,
+            settings,
+            columns,
+            spectra,
+            eigenspace.coefficients,
+            energy,
+            usable,
+            eigenspace.kept,
+            synthesizer,
+            notes,
+            used=used,
         )
         if synthesizer is not None:
             most, threads = settings.calibration_references, _threads(settings)
@@ -161,12 +179,14 @@ class VotesModel:
     @classmethod
     def restore(cls, references: ReferencePanoramas, settings: VotesSettings, arrays: Arrays) -> Self:
         """Take up the arrays of a map file."""
+        everywhere = references.positions
+        references = references.of(arrays["used"])
         synthesizer = None
         if "profiles" in arrays and references.camera_height_m is not None:
             profiles, alone = arrays["profiles"].astype(np.float64), arrays["alone"].astype(np.bool_)
             synthesizer = ViewSynthesizer(references, profiles, references.camera_height_m, alone)
         return cls(
-            _places(references, settings, synthesizer),
+            _places(references, everywhere, settings, synthesizer),
             settings,
             references.geometry.width,
             arrays["spectra"],
@@ -176,6 +196,7 @@ class VotesModel:
             float(arrays["kept"][0]),
             synthesizer,
             calibration=Calibration.of_array(arrays["calibration"]) if "calibration" in arrays else None,
+            used=arrays["used"],
         )
 
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -186,6 +207,7 @@ class VotesModel:
             "energy": self._norms.energy,
             "usable": self._norms.usable,
             "kept": np.array([self.kept]),
+            "used": np.arange(len(self.places)) if self._used is None else self._used,
         }
         if self._synthesizer is not None:
             kept["profiles"] = self._synthesizer.profiles.astype(np.float32)
@@ -322,44 +344,14 @@ def _threads(settings: VotesSettings) -> int:
     return settings.virtual_places.threads or os.cpu_count() or 1
 
 
-def _check_texture(references: ReferencePanoramas, settings: VotesSettings) -> None:
-    rows, columns = references.geometry.shape
-    faults = []
-    for index, name in enumerate(references.names):
-        z, _ = orientations(references.panorama(index), settings)
-        if squared_magnitude(z).sum() < 1e-3 * rows * columns:
-            faults.append(f"reference {name}: has no texture (black, saturated or constant); take it out of poses.csv")
-    if faults:
-        raise MapError(faults)
-
-
-def _synthesizer(
-    references: ReferencePanoramas, settings: VotesSettings, progress: Progress
-) -> tuple[ViewSynthesizer | None, tuple[str, ...]]:
-    """What synthesises views, or why there is none."""
-    if not settings.virtual_places.enabled:
-        return None, ()
-    height = references.camera_height_m
-    if height is None:
-        return None, ("no virtual places: the camera's height is not known; give camera.height_m in dataset.yaml",)
-    if len(np.unique(references.positions, axis=0)) < 2:
-        return None, ("no virtual places: a single reference has no neighbours to see depth with",)
-    profiles = sweep_profiles(references, height, settings, progress, _threads(settings))
-    # As the map file keeps them, so that a map that was loaded gives the same votes to the last bit.
-    profiles = profiles.astype(np.float32).astype(np.float64)
-    every = ViewSynthesizer(references, profiles, height)
-    check = check_poses(every, Places(references.positions).spacing, settings, progress, _threads(settings))
-    if check.faults:
-        raise MapError(check.faults)
-    notes = check.notes(references.names)
-    return (ViewSynthesizer(references, profiles, height, check.alone) if check.helps else None), notes
-
-
-def _places(references: ReferencePanoramas, settings: VotesSettings, synthesizer: ViewSynthesizer | None) -> Places:
-    given = Places(references.positions)
+def _places(
+    references: ReferencePanoramas, everywhere: Float64, settings: VotesSettings, synthesizer: ViewSynthesizer | None
+) -> Places:
+    """Of the references used, or between them; reports name the nearest of all references, taken at ``everywhere``."""
     if synthesizer is None:
-        return given
-    return Places(places_of(synthesizer, given.spacing, settings.virtual_places), references.positions)
+        return Places(references.positions, None if len(references) == len(everywhere) else everywhere)
+    spacing = usual_spacing(references.positions)
+    return Places(places_of(synthesizer, spacing, settings.virtual_places), everywhere)
 
 
 def vote_of_cosine(cosines: Float32, width: float) -> Float32:

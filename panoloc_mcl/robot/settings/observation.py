@@ -127,6 +127,16 @@ class VotesSettings(StrictModel):
         json_schema_extra=OBSERVING,
         description="Cosine of a match that is trusted in full; images whose best match is weaker sharpen the belief less.",
     )
+    thinning: bool = Field(
+        True,
+        description="Leave out references that tell little new: half of what they show is seen by one kept within 0.5 m. False: all "
+        "are used.",
+    )
+    doubted_references: Literal["leave_out", "keep"] = Field(
+        "leave_out",
+        description="A reference whose image fits clearly better at another pose than at its own: leave_out: the map does without it "
+        "and a note names it; keep: poses are not judged.",
+    )
     min_visible: Share = Field(
         0.05,
         json_schema_extra=OBSERVING,

@@ -1,9 +1,10 @@
-"""Poses that cannot be true, told by the references themselves: a neighbour's image, warped to where a reference is said to stand,
-must fit that reference's image better than it does as it is.
+"""Poses that can hardly be true, told by the references themselves: a neighbour's image, warped to where a reference is said to
+stand, must fit that reference's image better at its heading than at any other.
 
-A reference that no neighbour fits has a wrong pose, or stands alone (behind walls, far from the others). Which of both is told by
-looking for its image elsewhere: views from all around, at all headings. Where one of them fits, the pose is wrong, and the message
-says where the image was probably taken. Where none does, the reference stays as it is, without virtual places around it.
+A reference that no neighbour fits stands alone (behind walls, far from the others), or its pose is wrong. Which of both is told by
+looking for its image elsewhere: views from all around, at all headings. Only where one of them fits clearly better than its own pose
+does, it is doubted: no views are made from it, it is no place, and a note says where its image was probably taken. All limits are
+relative to how well the images of this map fit each other, because images of a real camera fit less than rendered ones.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +25,7 @@ from panoloc_mcl.robot.geometry import wrap_angle
 from panoloc_mcl.robot.kernels.warping import column_agreement
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.settings.observation import VotesSettings
+from panoloc_mcl.robot.synthesis.spacing import usual_spacing
 from panoloc_mcl.robot.synthesis.views import ViewSynthesizer
 from panoloc_mcl.robot.synthesis.virtual_places import synthetic_features, virtual_positions
 
@@ -32,18 +35,17 @@ Bool = NDArray[np.bool_]
 Features = tuple[Complex64, Bool]
 
 _NEIGHBOURS = 4
-# Warping gains 0.3 to 0.6 of agreement where poses are right, and nothing where they are not; poses that are disturbed by 2 cm and
-# 1 degree rms keep half of it at the least.
-_LEAST_SHARE_OF_GAIN = 0.4
-# Of images that have nothing to do with each other the best neighbour gains less than this by chance, in the median.
-_LEAST_GAIN = 0.1
-# More than this share of the references at fault: nobody can say who is right.
-_MOST_AT_FAULT = 0.25
-# Farther from its neighbour than so many usual distances, a reference shows other things and cannot be judged.
-_FAR_IN_SPACINGS = 2.5
-# An image is found elsewhere where it fits so well, and so much better than anywhere farther off. Images of other buildings reach
-# 0.15, and 1.15 times as much as farther off.
-_FOUND_AGREEMENT, _FOUND_LEAD = 0.2, 1.3
+# A turn is another one from here on, degrees: features of all scales in use agree less than half as well.
+_OTHER_TURN_DEG = 20.0
+# A gain so many standard deviations (by the median deviation) below the usual one is odd; oddity alone has no consequence.
+_ODD_DEVIATIONS = 2.5
+# More than this share of the references odd: nobody can say who is right.
+_MOST_ODD = 0.25
+# Farther from its neighbour than so many usual distances, and than this, a reference shows other things and cannot be judged.
+_FAR_IN_SPACINGS, _FAR_M = 2.5, 1.0
+# An image fits clearly better elsewhere where it gains half of what separates the map's images from chance, and where it leads what
+# is farther off by so much. Images of other buildings reach 1.15.
+_CLEARLY, _FOUND_LEAD = 0.5, 1.3
 # How far around the others it is looked for, in their usual distance.
 _SEARCH_IN_SPACINGS = 1.4
 _RIVAL_IN_SPACINGS = 2.0
@@ -62,33 +64,55 @@ class PoseCheck:
         Agreement (cosine) of every reference with the neighbour that fits best, warped to its pose and as it is; NaN without
         neighbours.
     helps : bool
-        Whether warping helps at all in this map.
-    faults : tuple of str
-        One line for each reference whose pose cannot be true, as its image fits elsewhere.
+        Whether views between the references can be made in this map.
+    doubts : tuple of str
+        One line for each reference whose image fits clearly better elsewhere.
+    doubted : bool (n,)
+        Which ones these are.
     alone : bool (n,)
-        References that no neighbour fits; those without a fault may stand where they are said to.
+        References that no neighbour fits, doubted ones included; the others may stand where they are said to.
     """
 
     warped: Float64
     unwarped: Float64
     helps: bool
-    faults: tuple[str, ...]
+    doubts: tuple[str, ...]
+    doubted: Bool
     alone: Bool
 
     def notes(self, names: tuple[str, ...]) -> tuple[str, ...]:
         """What the user should know, for references of these names."""
         if not self.helps:
             return (
-                "no virtual places: the references do not fit each other; check poses.csv and camera.height_m, or take more",
+                "no virtual places: views warped from one reference to the next fit no better than chance; check poses.csv and "
+                "camera.height_m",
             )
-        if not self.alone.any():
-            return ()
-        which = [name for name, alone in zip(names, self.alone, strict=True) if alone]
+        which = [name for name, alone in zip(names, self.alone & ~self.doubted, strict=True) if alone]
+        if not which:
+            return self.doubts
         listed = ", ".join(which[:_NAMED]) + (f" and {len(which) - _NAMED} more" if len(which) > _NAMED else "")
         return (
+            *self.doubts,
             f"no virtual places around {listed}: no neighbour's image fits there; if there is no wall between, check the rows in "
             "poses.csv",
         )
+
+
+class Fits(NamedTuple):
+    """How every reference fits the neighbour that fits it best, warped to its pose; NaN without neighbours.
+
+    Parameters
+    ----------
+    warped, unwarped : float64 (n,)
+        Agreement (cosine) over what both show: warped, and as the neighbour's image is.
+    own, other : float64 (n,)
+        Correlation of the warped view with the image as it is given, and at most with the image turned to other headings.
+    """
+
+    warped: Float64
+    unwarped: Float64
+    own: Float64
+    other: Float64
 
 
 def check_poses(
@@ -111,23 +135,33 @@ def check_poses(
     threads : int
         References that are worked on at once; the result does not depend on it.
     """
-    warped, unwarped = agreements(synthesizer, settings, progress, threads)
-    gain = warped - unwarped
+    fits = agreements(synthesizer, settings, progress, threads)
+    gain, none = fits.warped - fits.unwarped, np.zeros(len(fits.own), dtype=np.bool_)
     judged = np.isfinite(gain)
-    usual = float(np.median(gain[judged])) if judged.any() else 0.0
-    if usual < _LEAST_GAIN:
-        return PoseCheck(warped, unwarped, False, (), np.ones(len(gain), dtype=np.bool_))
-    alone = ~judged | (gain < _LEAST_SHARE_OF_GAIN * usual)
-    faults: tuple[str, ...] = ()
-    if 0 < np.sum(alone) <= max(1.0, _MOST_AT_FAULT * len(alone)):
-        faults = tuple(_found_elsewhere(synthesizer, alone, spacing, settings))
-    return PoseCheck(warped, unwarped, True, faults, alone)
+    fitting = judged & (fits.own > fits.other)
+    # Between neighbours a few centimetres apart there is nothing to gain by warping; but it must not spoil most of them either.
+    helps = 2 * int(fitting.sum()) > int(judged.sum()) and float(np.quantile(gain[judged], 0.75)) > 0.0
+    if not helps:
+        return PoseCheck(fits.warped, fits.unwarped, False, (), none, ~none)
+    if settings.doubted_references == "keep":
+        return PoseCheck(fits.warped, fits.unwarped, True, (), none, ~judged)
+    usual = float(np.median(gain[judged]))
+    deviation = 1.4826 * float(np.median(np.abs(gain[judged] - usual)))
+    odd = ~fitting | (gain < usual - _ODD_DEVIATIONS * deviation)
+    if odd.sum() > max(1.0, _MOST_ODD * len(odd)):
+        odd = ~fitting
+    doubts: dict[int, str] = {}
+    if 0 < odd.sum() <= max(1.0, _MOST_ODD * len(odd)):
+        doubts = dict(_found_elsewhere(synthesizer, odd, fits, spacing, settings))
+    doubted = none.copy()
+    doubted[list(doubts)] = True
+    return PoseCheck(fits.warped, fits.unwarped, True, tuple(doubts.values()), doubted, ~fitting | doubted)
 
 
 def agreements(
     synthesizer: ViewSynthesizer, settings: VotesSettings, progress: Progress = no_progress, threads: int = 1
-) -> tuple[Float64, Float64]:
-    """Agreement of every reference with the neighbour that fits best: warped, and as it is (see `PoseCheck`)."""
+) -> Fits:
+    """How every reference fits the neighbour that fits it best, warped to its pose."""
     references = synthesizer.references
     count = len(references)
     # Depth comes from the neighbour's own surroundings, so it was not bent to fit this reference.
@@ -136,36 +170,37 @@ def agreements(
     first_at = np.zeros(len(distinct), dtype=np.int64)
     first_at[place[::-1]] = np.arange(count)[::-1]
     tree = cKDTree(distinct)
-    limit = _FAR_IN_SPACINGS * _usual_distance(tree)
+    limit = max(_FAR_IN_SPACINGS * usual_spacing(distinct), _FAR_M)
     features = lru_cache(maxsize=_KEPT_FEATURES)(lambda index: orientations(references.panorama(index), settings))
 
-    def best(index: int) -> tuple[float, float]:
+    def best(index: int) -> tuple[float, float, float, float]:
         position = references.positions[index]
         distances, nearest = tree.query(position, k=min(_NEIGHBOURS + 1, len(distinct)))
-        pairs = []
+        found = [(np.nan,) * 4]
+        mine = features(index)
         for distance, other in zip(np.atleast_1d(distances), np.atleast_1d(nearest), strict=True):
             if other == place[index] or distance > limit:
                 continue
             neighbour = int(first_at[other])
-            view = synthesizer.view(neighbour, position, synthesizer.profile_at(neighbour, position))
-            mine = features(index)
-            pairs.append((_agreement(mine, orientations(view, settings)), _agreement(mine, features(neighbour))))
-        if not pairs:
-            return np.nan, np.nan
-        return max(pair[0] for pair in pairs), max(pair[1] for pair in pairs)
+            view = orientations(synthesizer.view(neighbour, position, synthesizer.profile_at(neighbour, position)), settings)
+            turns = _turns(mine[0], view[0])
+            apart = round(_OTHER_TURN_DEG * len(turns) / 360.0)
+            others = float(turns[apart + 1 : len(turns) - apart].max())
+            found.append((_agreement(mine, view), _agreement(mine, features(neighbour)), float(turns[0]), others))
+        return max(found[1:] or found)
 
-    found = np.empty((count, 2))
+    rows = np.empty((count, 4))
     with ThreadPoolExecutor(max_workers=threads) as pool:
-        for index, pair in enumerate(pool.map(best, range(count))):
-            found[index] = pair
+        for index, row in enumerate(pool.map(best, range(count))):
+            rows[index] = row
             progress(index + 1, count, "poses of references")
-    return found[:, 0], found[:, 1]
+    return Fits(*rows.T)
 
 
-def _usual_distance(tree: cKDTree) -> float:
-    if tree.n < 2:
-        return 0.0
-    return float(np.median(np.asarray(tree.query(tree.data, k=2)[0])[:, 1]))
+def _turns(image: Complex64, view: Complex64) -> Float64:
+    """Correlation of an image with a view at every turn of it, float64 (columns,): turned on by k columns it was taken at k columns."""
+    products = fft.ifft(np.sum(fft.fft(image, axis=1) * fft.fft(view, axis=1).conj(), axis=0)).real
+    return np.asarray(products / max(float(np.linalg.norm(image)) * float(np.linalg.norm(view)), 1e-6), dtype=np.float64)
 
 
 def _agreement(first: Features, second: Features) -> float:
@@ -173,47 +208,40 @@ def _agreement(first: Features, second: Features) -> float:
     return common / float(np.sqrt(max(mine * theirs, 1e-12)))
 
 
-def _found_elsewhere(synthesizer: ViewSynthesizer, alone: Bool, spacing: float, settings: VotesSettings) -> Iterator[str]:
-    """A line for each doubtful reference whose image fits a view of another pose, and for those whose place it takes."""
-    doubtful = np.flatnonzero(alone)
+def _found_elsewhere(
+    synthesizer: ViewSynthesizer, odd: Bool, fits: Fits, spacing: float, settings: VotesSettings
+) -> Iterator[tuple[int, str]]:
+    """Each odd reference whose image fits a view of another pose clearly better than that of its own, and a line that says so."""
     references = synthesizer.references
-    trusted = synthesizer.of(np.flatnonzero(~alone))
-    images = [orientations(references.panorama(int(index)), settings)[0] for index in doubtful]
-    spectra = [fft.fft(z, axis=1) for z in images]
-    norms = [float(np.linalg.norm(z)) for z in images]
-    places = virtual_positions(trusted.references.positions, _SEARCH_IN_SPACINGS * spacing, settings.virtual_places)
-    scores = np.zeros((len(doubtful), len(places)))
-    headings = np.zeros(scores.shape)
-    columns = references.geometry.width
+    trusted = synthesizer.of(np.flatnonzero(~odd))
+    usual, chance = float(np.median(fits.own[~odd])), float(np.median(fits.other[~odd]))
+    clearly = _CLEARLY * (usual - chance)
+    indices = np.flatnonzero(odd)
+    images = [orientations(references.panorama(int(index)), settings)[0] for index in indices]
+    # Its own place is looked at like any other.
+    grid = virtual_positions(trusted.references.positions, _SEARCH_IN_SPACINGS * spacing, settings.virtual_places)
+    places = np.concatenate([grid, references.positions[indices]])
+    scores, headings, own = np.zeros((len(indices), len(places))), np.zeros((len(indices), len(places))), np.zeros(len(indices))
     for place, position in enumerate(places):
         view, _ = synthetic_features(trusted, position, settings)
-        spectrum, norm = fft.fft(view, axis=1).conj(), float(np.linalg.norm(view))
-        for row, (image, mine) in enumerate(zip(spectra, norms, strict=True)):
-            # Turned on by k columns the image was taken at k columns of heading.
-            turns = fft.ifft(np.sum(image * spectrum, axis=0)).real / max(norm * mine, 1e-6)
-            headings[row, place] = 2.0 * np.pi * np.argmax(turns) / columns
-            scores[row, place] = turns.max()
-    found: dict[int, Float64] = {}
-    for row, index in enumerate(doubtful.tolist()):
+        for row, image in enumerate(images):
+            turns = _turns(image, view)
+            turn = wrap_angle(2.0 * np.pi * np.arange(len(turns)) / len(turns))
+            if np.hypot(*(position - references.positions[indices[row]])) <= _SAME_POSE_M:
+                same = np.abs(turn) <= _SAME_POSE_RAD
+                own[row] = max(own[row], float(turns[same].max()))
+                turns[same] = 0.0
+            headings[row, place], scores[row, place] = turn[np.argmax(turns)], turns.max()
+    for row, index in enumerate(indices.tolist()):
         best = int(np.argmax(scores[row]))
-        pose = np.array([*places[best], wrap_angle(headings[row, best])])
-        rivals = scores[row, np.hypot(*(places - places[best]).T) > _RIVAL_IN_SPACINGS * spacing]
-        moved = float(np.hypot(*(pose[:2] - references.positions[index])))
-        if scores[row, best] < max(_FOUND_AGREEMENT, _FOUND_LEAD * float(rivals.max(initial=0.0))):
+        score, farther = scores[row, best], np.hypot(*(places - places[best]).T) > _RIVAL_IN_SPACINGS * spacing
+        if score < max(own[row], chance) + clearly or score < _FOUND_LEAD * float(scores[row, farther].max(initial=0.0)):
             continue
-        if moved > _SAME_POSE_M or abs(pose[2]) > _SAME_POSE_RAD:
-            found[index] = pose
-    for index in doubtful.tolist():
-        name, (x, y) = references.names[index], references.positions[index]
-        given = f"reference {name}: its neighbours do not fit its pose (x = {x:g}, y = {y:g})"
-        if index in found:
-            best_x, best_y, turn = found[index]
-            yield (
-                f"{given}; its image fits x = {best_x:.1f}, y = {best_y:.1f}, theta {np.degrees(turn):+.0f} degrees from what is "
-                "given; correct its row in poses.csv or take it out"
-            )
-            continue
-        for other, pose in found.items():
-            if np.hypot(*(pose[:2] - references.positions[index])) < 0.5 * spacing:
-                yield f"{given}, where {references.names[other]} fits; correct its row in poses.csv or take it out"
-                break
+        x, y = references.positions[index]
+        best_x, best_y = places[best]
+        yield (
+            index,
+            f"reference {references.names[index]} is left out: its image fits x = {best_x:.1f}, y = {best_y:.1f}, theta "
+            f"{np.degrees(headings[row, best]):+.0f} degrees from what is given, not x = {x:g}, y = {y:g}; correct its row in "
+            "poses.csv, or set observation.votes.doubted_references: keep",
+        )

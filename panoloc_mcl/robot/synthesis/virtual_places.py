@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 
 from panoloc_mcl.robot.eigenspace.gradients import orientations
 from panoloc_mcl.robot.settings.observation import VirtualPlacesSettings, VotesSettings
+from panoloc_mcl.robot.synthesis.spacing import LEAST_REACH_M, local_spacings
 from panoloc_mcl.robot.synthesis.views import ViewSynthesizer
 
 Float64 = NDArray[np.float64]
@@ -23,7 +24,9 @@ _NEAR_M = 0.05
 _SAME_PLACE_M = 1e-6
 
 
-def virtual_positions(references: Float64, reference_spacing: float, settings: VirtualPlacesSettings) -> Float64:
+def virtual_positions(
+    references: Float64, reference_spacing: float, settings: VirtualPlacesSettings, around: Float64 | None = None
+) -> Float64:
     """A grid of places over the ground that the references cover.
 
     Parameters
@@ -33,6 +36,8 @@ def virtual_positions(references: Float64, reference_spacing: float, settings: V
     reference_spacing : float
         Distance between neighbouring references, metres.
     settings : VirtualPlacesSettings
+    around : float64 (n,), optional
+        The same around each reference, where it is not everywhere the same.
 
     Returns
     -------
@@ -40,17 +45,23 @@ def virtual_positions(references: Float64, reference_spacing: float, settings: V
         Metres.
     """
     spacing = settings.spacing_m or float(np.clip(reference_spacing / 4.0, _SMALLEST_SPACING_M, _LARGEST_SPACING_M))
-    reach = _REACH_IN_SPACINGS * reference_spacing
-    steps = int(np.ceil(reach / spacing))
-    low = references.min(axis=0) - steps * spacing
+    reaches = np.maximum(
+        _REACH_IN_SPACINGS * np.broadcast_to(reference_spacing if around is None else around, len(references)), LEAST_REACH_M
+    )
+    low = references.min(axis=0) - int(np.ceil(reaches.max() / spacing)) * spacing
     # Only cells around references: the ground between places far apart may be vast. By row, then by column.
-    beside = np.arange(-steps - 1, steps + 2)
-    nearest = np.rint((references - low) / spacing).astype(np.int64)
-    rows = nearest[:, 1, None, None] + beside[:, None]
-    columns = nearest[:, 0, None, None] + beside[None, :]
-    cells = np.unique(np.stack(np.broadcast_arrays(rows, columns), axis=-1).reshape(-1, 2), axis=0)
-    grid = low + spacing * cells[:, ::-1]
-    return np.asarray(grid[cKDTree(references).query(grid)[0] <= reach + 1e-9])
+    cells = []
+    for reach in np.unique(reaches):
+        steps = int(np.ceil(reach / spacing))
+        beside = np.arange(-steps - 1, steps + 2)
+        chosen = references[reaches == reach]
+        nearest = np.rint((chosen - low) / spacing).astype(np.int64)
+        rows = nearest[:, 1, None, None] + beside[:, None]
+        columns = nearest[:, 0, None, None] + beside[None, :]
+        near = np.unique(np.stack(np.broadcast_arrays(rows, columns), axis=-1).reshape(-1, 2), axis=0)
+        cells.append(near[cKDTree(chosen).query(low + spacing * near[:, ::-1])[0] <= reach + 1e-9])
+    grid: Float64 = low + spacing * np.unique(np.concatenate(cells), axis=0)[:, ::-1]
+    return grid
 
 
 def places_of(synthesizer: ViewSynthesizer, reference_spacing: float, settings: VirtualPlacesSettings) -> Float64:
@@ -69,7 +80,8 @@ def places_of(synthesizer: ViewSynthesizer, reference_spacing: float, settings: 
         Metres.
     """
     positions, alone = synthesizer.references.positions, synthesizer.alone
-    places = virtual_positions(positions[~alone], reference_spacing, settings)
+    sources = positions[~alone]
+    places = virtual_positions(sources, reference_spacing, settings, local_spacings(sources))
     if not alone.any():
         return places
     by_themselves = np.unique(positions[alone], axis=0)

@@ -1,7 +1,7 @@
 """Data sets: reading, checking and writing them, and one that comes with the package."""
 
 from panoloc_mcl.robot.images import image_size, read_image, write_image
-from panoloc_mcl.robot.references import References, same_poses
+from panoloc_mcl.robot.references import References
 from panoloc_mcl.tools.datasets.check import check_dataset
 from panoloc_mcl.tools.datasets.dataset import Dataset, Sequence
 from panoloc_mcl.tools.datasets.embedded import EMBEDDED, resolve_dataset
@@ -23,7 +23,6 @@ __all__ = [
     "read_image",
     "read_tum",
     "resolve_dataset",
-    "same_poses",
     "write_image",
     "write_tum",
 ]

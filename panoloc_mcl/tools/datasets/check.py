@@ -8,7 +8,7 @@ import numpy as np
 
 from panoloc_mcl.robot.errors import ImageError
 from panoloc_mcl.robot.images import read_image
-from panoloc_mcl.robot.references import References, same_poses
+from panoloc_mcl.robot.references import References
 from panoloc_mcl.tools.datasets.dataset import Sequence
 from panoloc_mcl.tools.datasets.reader import scan_dataset
 from panoloc_mcl.tools.datasets.trajectory import Trajectory
@@ -33,7 +33,6 @@ def check_dataset(path: str | Path) -> list[str]:
     faults = list(scan.faults)
     if scan.references is not None:
         faults += _undecodable(scan.references)
-        faults += same_poses(scan.references)
     for sequence in scan.sequences:
         faults += _undecodable(sequence)
         faults += _uncovered(sequence, sequence.odometry, "odometry.tum")

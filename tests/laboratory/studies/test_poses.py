@@ -39,10 +39,10 @@ def test_only_what_is_near_the_disturbed_ones_is_looked_at() -> None:
     assert part.names == ("ref_0.png", "ref_1.png", "ref_3.png")
 
 
-def test_a_wrong_pose_is_refused_and_no_right_one(ask, small_room):
+def test_a_wrong_pose_is_left_out_and_no_right_one(ask, small_room):
     answer = ask("study", "poses", "--dataset", small_room.path, "--draws", "1")
     assert answer.code == 0
     rows = {row["disturbance"]: row for row in answer.rows()}
     assert list(rows) == ["as it is", *poses.KINDS, poses.RMS]
-    assert rows["as it is"]["right poses refused"] == "0 of 12"
-    assert rows[poses.SWAP]["wrong poses refused (95 %)"]["trials"] == 2
+    assert rows["as it is"]["right poses left out"] == "0 of 12"
+    assert rows[poses.SWAP]["wrong poses left out (95 %)"]["trials"] == 2

@@ -10,7 +10,7 @@ from safetensors.numpy import save_file
 
 from panoloc_mcl.laboratory.peers.settings import PaperSettings
 from panoloc_mcl.robot.camera import PanoramaCamera
-from panoloc_mcl.robot.errors import DatasetError, MapError, PanolocError
+from panoloc_mcl.robot.errors import MapError, PanolocError
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.references import read_references
 from panoloc_mcl.robot.settings.config import ObservationSettings
@@ -238,14 +238,12 @@ def test_references_that_cannot_be_used_are_one_line_each(tmp_path: Path) -> Non
     assert len(caught.value.faults) == 2
 
 
-def test_two_references_at_one_pose_are_one_line_with_both_files(tmp_path: Path) -> None:
-    poses = POSES.copy()
-    poses[2] = poses[0] + [0.0, 0.0, 2.0 * np.pi]
-    with pytest.raises(DatasetError) as caught:
-        PanoramaMap.build(a_dataset(tmp_path / "data", poses=poses))
-    (line,) = caught.value.faults
-    assert "poses.csv: ref_000.png and ref_002.png have the same pose (0, 0, 0)" in line
-    assert line.endswith("keep one of them")
+def test_a_robot_that_stood_gives_several_references_of_one_pose(tmp_path: Path) -> None:
+    poses = np.concatenate([POSES, POSES[:1]])
+    built = PanoramaMap.build(a_dataset(tmp_path / "data", [*IMAGES, IMAGES[0]], poses=poses))
+    assert len(built.references) == len(POSES) + 1
+    # The second of them tells nothing new.
+    assert built.arrays["used"].tolist() == list(range(len(POSES)))
 
 
 def test_several_headings_at_one_position_are_welcome(tmp_path: Path) -> None:

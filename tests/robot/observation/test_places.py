@@ -50,8 +50,9 @@ def test_weights_agree_with_those_of_franke_and_little(name: str) -> None:
     centres = cell_centres(places)
     for cell in np.random.default_rng(1).choice(len(centres), 200):
         weights = np.zeros(len(places))
+        reach = places.reach if places.contains(centres[cell][None])[0] else 0.0
         np.add.at(weights, places.raster.neighbours[cell], places.raster.weights[cell])
-        assert weights == pytest.approx(shepard(places.positions, centres[cell], 4, 1.5, places.reach), abs=1e-5)
+        assert weights == pytest.approx(shepard(places.positions, centres[cell], 4, 1.5, reach), abs=1e-5)
 
 
 def interpolated(places: Places, values: np.ndarray) -> np.ndarray:
@@ -114,7 +115,10 @@ def test_nearest_and_contains_are_what_distances_say(count: int, seed: int) -> N
     at = rng.uniform(-6.0, 6.0, (50, 2))
     distances = np.hypot(*(at[:, None] - places.positions[None]).transpose(2, 0, 1))
     assert np.array_equal(places.nearest(at), distances.argmin(axis=1))
-    assert np.array_equal(places.contains(at), distances.min(axis=1) <= places.reach)
+    # Of the four nearest, which is as many as votes are read from.
+    near = np.argsort(distances, axis=1)[:, :4]
+    inside = np.take_along_axis(distances, near, axis=1) <= places.reaches[near]
+    assert np.array_equal(places.contains(at), inside.any(axis=1))
 
 
 def test_a_wide_map_of_close_places_keeps_its_raster_within_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -124,3 +128,11 @@ def test_a_wide_map_of_close_places_keeps_its_raster_within_bounds(monkeypatch: 
     wide = Places(np.array([[0.0, 0.0], [1.0, 0.0], [80.0, 40.0], [81.0, 40.0]]))
     assert len(wide.raster.weights) <= 12_000
     assert wide.sample_uniform(10, np.random.default_rng(0)).shape == (10, 2)
+
+
+def test_a_line_of_close_references_reaches_to_its_sides() -> None:
+    line = Places(np.column_stack([np.arange(0.0, 3.0, 0.02), np.zeros(150)]))
+    assert line.spacing == pytest.approx(0.02)
+    assert line.contains(np.array([[1.0, 0.45], [1.0, 0.55]])).tolist() == [True, False]
+    virtual = Places(line.positions, references=line.positions)
+    assert not virtual.contains(np.array([[1.0, 0.45]])).any()

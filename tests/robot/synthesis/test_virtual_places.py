@@ -7,6 +7,7 @@ from scipy.spatial import cKDTree
 
 from panoloc_mcl.robot.settings.observation import VirtualPlacesSettings
 from panoloc_mcl.robot.synthesis import virtual_positions
+from panoloc_mcl.robot.synthesis.spacing import local_spacings
 
 BY_RULE = VirtualPlacesSettings()
 
@@ -36,7 +37,7 @@ def test_the_spacing_follows_that_of_the_references(apart: float, expected: floa
 def test_scattered_references_are_covered_and_nothing_else(count: int, seed: int, apart: float) -> None:
     references = np.random.default_rng(seed).uniform(-3.0, 3.0, (count, 2))
     positions = virtual_positions(references, apart, BY_RULE)
-    expected = brute_force(references, float(np.clip(apart / 4.0, 0.15, 0.25)), 0.75 * apart)
+    expected = brute_force(references, float(np.clip(apart / 4.0, 0.15, 0.25)), max(0.75 * apart, 0.5))
     assert positions.shape == expected.shape
     assert positions == pytest.approx(expected)
 
@@ -63,3 +64,24 @@ def test_separate_places_have_nothing_between_them_and_cost_nothing() -> None:
     near = np.hypot(*positions.T) < 1e5
     assert positions[near] == pytest.approx(alone)
     assert positions[~near] == pytest.approx(alone + 1e6)
+
+
+def test_the_reach_is_local_and_has_a_floor() -> None:
+    """A dense line and a sparse one: the dense one is not left with a thread of ground, and the sparse one has no gaps."""
+    dense = np.column_stack([np.arange(0.0, 3.0, 0.05), np.zeros(60)])
+    sparse = np.column_stack([np.arange(0.0, 6.0, 1.5), np.full(4, 20.0)])
+    references = np.concatenate([dense, sparse])
+    positions = virtual_positions(references, 0.05, BY_RULE, local_spacings(references))
+    tree = cKDTree(positions)
+    beside = np.column_stack([np.linspace(0.2, 2.8, 30), np.full(30, 0.4)])
+    between = np.column_stack([np.linspace(0.0, 4.5, 50), np.full(50, 20.0)])
+    assert tree.query(beside)[0].max() <= 0.15
+    assert tree.query(between)[0].max() <= 0.15
+    assert spacing_of(positions) == pytest.approx(0.15)
+
+
+def test_doubled_references_have_the_spacing_of_the_others() -> None:
+    doubled = np.concatenate([grid(4, 3), grid(4, 3) + np.array([0.001, 0.0])])
+    assert local_spacings(doubled) == pytest.approx(1.0, abs=0.01)
+    assert local_spacings(np.concatenate([grid(4, 3)] * 3)) == pytest.approx(1.0)
+    assert local_spacings(np.zeros((3, 2))) == pytest.approx(1.0)
