@@ -73,13 +73,17 @@ class Localizer(SavedState):
         self.settings = config.localizer
         self._map = panorama_map
         self._unwrap = panorama_map.unwrapper(camera, image_size)
+        # Images tell the camera's pose, so that is what the filter holds; the poses that come in and go out are the base's.
+        self._mount, self._stamp_offset_s = self._unwrap.camera.mounting, self._unwrap.camera.stamp_offset_s
         self._observation = model or panorama_map.observation_model(config.observation)
         self._revision = ""
         self._camera, self._image_size = camera, image_size
         self._odometry = OdometryBuffer(self.settings.motion)
         self._seed = config.seed if seed is None else seed
         rng = np.random.default_rng(self._seed)
-        self._filter = make_filter(self.settings, self._observation.places, start_of(self.settings, start_pose), rng)
+        self._filter = make_filter(
+            self.settings, self._observation.places, start_of(self.settings, start_pose, self._mount), rng
+        )
         self._clock = ImageClock(self.settings.motion, self._odometry)
         self._sightings = Sightings(self.settings.status)
         self._reported: dict[str, int] = {}
@@ -110,7 +114,7 @@ class Localizer(SavedState):
         timestamp : float
             Seconds; or a datetime, or a ROS stamp.
         pose : array_like of float, shape (3,)
-            x, y, heading in the odometry frame, metres and radians. One that is not finite is left out and counted.
+            x, y, heading of the base in the odometry frame, metres and radians. One that is not finite is left out and counted.
         velocity, covariance : array_like of float, shape (3,) and (3, 3), optional
             As in `Odometry`.
 
@@ -119,8 +123,10 @@ class Localizer(SavedState):
         MeasurementError
             The stamp tells no time, or the pose has not three numbers.
         """
-        given = (None if values is None else np.asarray(values, dtype=np.float64) for values in (velocity, covariance))
-        self._odometry.add(seconds(timestamp), planar_pose(pose, "odometry pose"), *given)
+        of_camera = self._mount.camera_poses(planar_pose(pose, "odometry pose"))
+        speed = None if velocity is None else self._mount.camera_velocity(velocity)
+        spread = None if covariance is None else np.asarray(covariance, dtype=np.float64)
+        self._odometry.add(seconds(timestamp), of_camera, speed, spread)
 
     @locked
     def add_image(self, timestamp: float, image: NDArray[Any] | ImageError) -> Estimate | None:
@@ -129,7 +135,8 @@ class Localizer(SavedState):
         Parameters
         ----------
         timestamp : float
-            Seconds, or a datetime, or a ROS stamp; may be earlier than that of the image before, within the odometry that is kept.
+            Seconds, or a datetime, or a ROS stamp, by the clock of the images: ``camera.time_offset_s`` is added. May
+            be earlier than that of the image before, within the odometry that is kept.
         image : ndarray of uint8 or uint16, shape (rows, columns) or (rows, columns, 3 or 4)
             Grey, or colour in OpenCV's order. Instead, the `ImageError` that reading it gave: it is then a bad image like any other.
 
@@ -146,7 +153,7 @@ class Localizer(SavedState):
         """
         stage_ms: dict[str, float] = {}
         self._images += 1
-        timestamp = seconds(timestamp)
+        timestamp = seconds(timestamp) + self._stamp_offset_s
         problem = self._clock.problem(timestamp)
         if problem:
             self.images_skipped += 1
@@ -175,7 +182,8 @@ class Localizer(SavedState):
 
         Only to be looked at, and by the thread that adds images: they change in place.
         """
-        return self._filter.particles()
+        poses, weights = self._filter.particles()
+        return self._mount.base_poses(poses), weights
 
     @property
     def places(self) -> Places:
@@ -228,7 +236,8 @@ class Localizer(SavedState):
 
     def _estimate(self, findings: list[Finding], votes: VoteField | None, stage_ms: dict[str, float]) -> Estimate:
         with _timed(stage_ms, "estimate"):
-            state = self._filter.state()
+            of_camera = self._filter.state()
+            state = of_camera.of_point(-self._mount.offset)
         best, now = state.clusters[0], self._clock.now
         # A belief that an image was left out of may stand at an old time.
         outdated = votes is None and now is not None and self._odometry.newest > now
@@ -236,7 +245,7 @@ class Localizer(SavedState):
         status, doubt = self._sightings.judge(state.status, since)
         self._has_fix |= status is Status.CONVERGED
         if now is not None:
-            self._anchor = Anchor(now, best.pose, best.covariance), status
+            self._anchor = Anchor(now, of_camera.clusters[0].pose, of_camera.clusters[0].covariance), status
         found = [finding for finding in (*findings, self._news_of_odometry(), doubt) if finding]
         reasons = dict.fromkeys(finding.reason for finding in found if finding.reason is not None)
         return Estimate(

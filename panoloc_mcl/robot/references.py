@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.robot.camera import Camera, Panorama, PanoramaGeometry, Unwrapper, geometry_of
 from panoloc_mcl.robot.errors import DatasetError
+from panoloc_mcl.robot.geometry import compose
 from panoloc_mcl.robot.images import ImageSource, read_image
 from panoloc_mcl.robot.progress import Progress, no_progress
 
@@ -25,11 +27,13 @@ class References:
     files : tuple of Path or StoredImage
         One image a place.
     poses : ndarray of float64, shape (n, 3)
-        Where each was taken, map frame.
-    camera : PanoramaCamera or OmniCamera
+        Where each was taken, map frame: the robot's base, or the camera.
+    camera : AnyCamera
         The camera of these images.
     image_size : (int, int)
         Their width and height.
+    poses_of : str
+        ``base`` or ``camera``.
     """
 
     path: Path
@@ -37,6 +41,20 @@ class References:
     poses: NDArray[np.float64]
     camera: Camera
     image_size: tuple[int, int]
+    poses_of: Literal["base", "camera"] = "base"
+
+    @property
+    def base_headings(self) -> NDArray[np.float64]:
+        """Headings of the robot's base, radians (n,)."""
+        turned = self.camera.mounting.yaw if self.poses_of == "camera" else 0.0
+        return self.poses[:, 2] - turned
+
+    @property
+    def camera_positions(self) -> NDArray[np.float64]:
+        """Where the camera stood, metres (n, 2), map frame."""
+        if self.poses_of == "camera" or self.camera.mount is None:
+            return np.ascontiguousarray(self.poses[:, :2])
+        return np.ascontiguousarray(compose(self.poses, self.camera.mount.offset)[:, :2])
 
     def __len__(self) -> int:
         return len(self.files)
@@ -44,7 +62,7 @@ class References:
 
 @dataclass(frozen=True, eq=False)
 class ReferencePanoramas:
-    """Reference panoramas at heading 0.
+    """Reference panoramas, upright, as the camera would have seen them with the base at heading 0.
 
     Parameters
     ----------
@@ -54,7 +72,7 @@ class ReferencePanoramas:
         Pixels in which each reference shows the world, where not all do: a mask is fixed to the camera, so references taken at
         other headings miss other parts of the circle. A read-only view of one (rows, columns) where all miss the same.
     positions : float64 (n, 2)
-        Metres, map frame.
+        Where the camera stood, metres, map frame.
     names : tuple of str
         File names, for messages.
     geometry : PanoramaGeometry
@@ -101,8 +119,8 @@ def read_references(source: References, progress: Progress = no_progress) -> Ref
     pixels = np.empty((len(source), *geometry.shape), dtype=np.uint8)
     seen: list[NDArray[np.bool_] | None] = []
     unwrappers: dict[float, Unwrapper] = {}
-    for index, (file, pose) in enumerate(zip(source.files, source.poses, strict=True)):
-        turn = -float(pose[2])
+    for index, (file, heading) in enumerate(zip(source.files, source.base_headings, strict=True)):
+        turn = -float(heading)
         unwrap = unwrappers.get(turn) or Unwrapper(source.camera, source.image_size, geometry, turn)
         if len(unwrappers) < 4:
             # References usually share one heading; where each has its own, tables would only fill memory.
@@ -114,7 +132,7 @@ def read_references(source: References, progress: Progress = no_progress) -> Ref
     return ReferencePanoramas(
         pixels=pixels,
         valid=_stacked(seen, geometry.shape),
-        positions=np.ascontiguousarray(source.poses[:, :2]),
+        positions=source.camera_positions,
         names=tuple(file.name for file in source.files),
         geometry=geometry,
         camera_height_m=source.camera.height_m,

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.laboratory.corruptions.sight import Sight
-from panoloc_mcl.robot.camera.spec import OmniCamera, PanoramaCamera
-from panoloc_mcl.robot.errors import DatasetError
+from panoloc_mcl.robot.camera.spec import AnyCamera, OmniCamera, PanoramaCamera
+from panoloc_mcl.robot.errors import CameraError, DatasetError
 from panoloc_mcl.robot.images import ImageSource
 from panoloc_mcl.tools.datasets import Dataset
 from panoloc_mcl.tools.datasets.trajectory import Trajectory
@@ -153,9 +153,9 @@ def draft_of(dataset: Dataset, wanted: Collection[str] | None = None) -> Draft:
     source = dataset.references
     references = Folder(
         [Shot(_own_file(file), pose) for file, pose in zip(source.files, source.poses, strict=True)],
-        source.camera,
+        _known(source.camera),
         source.image_size,
-        source.camera,
+        _known(source.camera),
         claimed=source.poses.copy(),
     )
     drives = {}
@@ -166,10 +166,22 @@ def draft_of(dataset: Dataset, wanted: Collection[str] | None = None) -> Draft:
             for index, (file, time) in enumerate(zip(drive.files, drive.times, strict=True))
         ]
         drives[name] = Folder(
-            shots, drive.camera, drive.image_size, drive.camera, odometry=drive.odometry, groundtruth=drive.groundtruth
+            shots,
+            _known(drive.camera),
+            drive.image_size,
+            _known(drive.camera),
+            odometry=drive.odometry,
+            groundtruth=drive.groundtruth,
         )
     chosen = drives if wanted is None else {name: drives[name] for name in drives if name in wanted}
-    return Draft(references, chosen, {name: drives[name] for name in drives if name not in chosen}, dataset.camera)
+    return Draft(references, chosen, {name: drives[name] for name in drives if name not in chosen}, _known(dataset.camera))
+
+
+def _known(camera: AnyCamera) -> PanoramaCamera | OmniCamera:
+    """The camera, if its optics can be disturbed."""
+    if isinstance(camera, PanoramaCamera | OmniCamera):
+        return camera
+    raise CameraError(f"camera.kind = {camera.kind}: cannot be corrupted; use panorama, or omni with a profile")
 
 
 def _own_file(image: ImageSource) -> Path:

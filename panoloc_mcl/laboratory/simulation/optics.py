@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.laboratory.simulation.settings import Sensor
 from panoloc_mcl.robot.camera.profiles import radius_px
-from panoloc_mcl.robot.camera.spec import OmniCamera, PanoramaCamera
+from panoloc_mcl.robot.camera.spec import AnyCamera, OmniCamera, PanoramaCamera
+from panoloc_mcl.robot.errors import CameraError
 
 FloatArray = NDArray[np.float64]
 
@@ -37,7 +38,7 @@ class RayTable:
     samples: int
 
 
-def ray_table(camera: PanoramaCamera | OmniCamera, size: tuple[int, int], samples: int) -> RayTable:
+def ray_table(camera: AnyCamera, size: tuple[int, int], samples: int) -> RayTable:
     """Rays through a regular grid of ``samples`` x ``samples`` points in every pixel."""
     width, height = size
     at = (np.arange(samples) + 0.5) / samples - 0.5
@@ -49,7 +50,7 @@ def ray_table(camera: PanoramaCamera | OmniCamera, size: tuple[int, int], sample
         bottom, top = camera.elevation_deg
         elevation = np.radians(top + (row + 0.5) * (bottom - top) / height)
         seen = np.ones(len(column), dtype=bool)
-    else:
+    elif isinstance(camera, OmniCamera):
         x, y = column - camera.center_px[0], camera.center_px[1] - row
         radius = np.hypot(x, y)
         angle = np.arctan2(y, x) - math.radians(camera.heading_angle_deg)
@@ -57,6 +58,8 @@ def ray_table(camera: PanoramaCamera | OmniCamera, size: tuple[int, int], sample
         elevation = _elevation(camera, radius)
         seen = (radius >= camera.valid_radius_px[0]) & (radius <= camera.valid_radius_px[1]) & np.isfinite(elevation)
         elevation = np.where(seen, elevation, 0.0)
+    else:
+        raise CameraError(f"camera.kind = {camera.kind}: cannot be rendered; use panorama or omni")
     whole = seen.reshape(-1, samples * samples).all(axis=1)
     keep = np.repeat(whole, samples * samples)
     a, e = azimuth[keep], elevation[keep]
@@ -67,7 +70,7 @@ def ray_table(camera: PanoramaCamera | OmniCamera, size: tuple[int, int], sample
 def _elevation(camera: OmniCamera, radius: FloatArray) -> FloatArray:
     """The profile turned round by a fine table; NaN where no elevation is imaged."""
     elevations = np.radians(np.linspace(-90.0, 90.0, 36001))
-    radii = radius_px(camera.profile, elevations)
+    radii = radius_px(camera.profile, elevations, camera.looks_up)
     known = np.isfinite(radii)
     r, e = radii[known], elevations[known]
     if r[-1] < r[0]:

@@ -23,7 +23,7 @@ from panoloc_mcl.laboratory.simulation.scene import Scene, load_scene
 from panoloc_mcl.laboratory.simulation.settings import Drive, SequenceGroup, SimulationConfig
 from panoloc_mcl.laboratory.simulation.sun import light_of
 from panoloc_mcl.laboratory.simulation.world import World
-from panoloc_mcl.robot.camera.spec import OmniCamera, PanoramaCamera
+from panoloc_mcl.robot.camera.spec import AnyCamera
 from panoloc_mcl.robot.errors import ConfigError, DatasetError
 from panoloc_mcl.robot.files import remove_unfinished, write_atomically
 from panoloc_mcl.robot.images import Image, write_image
@@ -60,7 +60,7 @@ class _View:
 
     light: str
     building: _BuildingKey
-    camera: PanoramaCamera | OmniCamera
+    camera: AnyCamera
     size: tuple[int, int]
 
 

@@ -74,7 +74,7 @@ def table_radius(elevation: ArrayLike, points_deg: ArrayLike) -> FloatArray:
     return np.where(inside, PchipInterpolator(points[:, 0], points[:, 1])(clipped), np.nan)
 
 
-def radius_px(profile: Profile, elevation: ArrayLike) -> FloatArray:
+def radius_px(profile: Profile, elevation: ArrayLike, looks_up: bool = False) -> FloatArray:
     """Image radius of directions under any profile.
 
     Parameters
@@ -83,6 +83,8 @@ def radius_px(profile: Profile, elevation: ArrayLike) -> FloatArray:
         One of the profile models of :mod:`panoloc_mcl.robot.camera.spec`.
     elevation : array_like of float
         Radians above the horizon, any shape.
+    looks_up : bool
+        The optical axis points to the zenith: ``t`` is the angle from there. Profiles of elevations say so themselves.
 
     Returns
     -------
@@ -95,7 +97,7 @@ def radius_px(profile: Profile, elevation: ArrayLike) -> FloatArray:
         A profile kind without a formula.
     """
     e = np.asarray(elevation, dtype=np.float64)
-    t = e + 0.5 * np.pi
+    t = 0.5 * np.pi - e if looks_up else e + 0.5 * np.pi
     if profile.kind == "unified":
         return unified_radius(t, profile.xi, profile.focal_px)
     if profile.kind == "hyperbolic":

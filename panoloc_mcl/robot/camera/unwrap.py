@@ -8,44 +8,39 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from panoloc_mcl.robot.camera.directions import Pixels, angles_of, pixels_of, rays_of
+from panoloc_mcl.robot.camera.extent import geometry_of
 from panoloc_mcl.robot.camera.panorama import Panorama, PanoramaGeometry
 from panoloc_mcl.robot.camera.profiles import radius_px
-from panoloc_mcl.robot.camera.spec import OmniCamera, PanoramaCamera
+from panoloc_mcl.robot.camera.spec import (
+    AnyCamera,
+    EquirectangularCamera,
+    FisheyePairCamera,
+    LensCamera,
+    OmniCamera,
+    PanoramaCamera,
+)
 from panoloc_mcl.robot.errors import CameraError, ImageError
 
+__all__ = ["Unwrapper", "geometry_of"]
+
 FloatArray = NDArray[np.float64]
+Bool = NDArray[np.bool_]
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 _WHOLE = 1e-6  # pixels; positions this close to whole ones are copied, not interpolated
 _SEAM = 2  # columns a cubic kernel reaches across the seam
 _MOST_SAMPLES = 8  # along an axis of a target pixel
-
-
-def geometry_of(camera: PanoramaCamera | OmniCamera, image_size: tuple[int, int]) -> PanoramaGeometry:
-    """The canonical panorama that a camera's images carry by themselves.
-
-    Parameters
-    ----------
-    camera : PanoramaCamera or OmniCamera
-    image_size : (int, int)
-        Width and height of its images; an omnidirectional camera names the panorama's size itself.
-
-    Raises
-    ------
-    CameraError
-        Images too small to be a panorama.
-    """
-    if isinstance(camera, OmniCamera):
-        return PanoramaGeometry(*camera.panorama.size, *camera.panorama.elevation_deg)
-    return PanoramaGeometry(*image_size, *camera.elevation_deg)
+# Steps from pixel to pixel at this quantile say how much smaller the panorama is: at seams and poles they are far larger.
+_USUAL_STEP = 0.9
 
 
 class Unwrapper:
-    """Makes canonical panoramas of one camera's images.
+    """Makes canonical panoramas of one camera's images: upright, as seen from the camera, column 0 along the base's heading.
 
     Parameters
     ----------
-    camera : PanoramaCamera or OmniCamera
+    camera : AnyCamera
     image_size : (int, int)
         Width and height of the images it will be given.
     geometry : PanoramaGeometry
@@ -57,29 +52,35 @@ class Unwrapper:
     Raises
     ------
     CameraError
-        The camera sees no pixel of the panorama.
+        The camera sees no pixel of the panorama, or its calibration or mask is for images of another size.
     """
 
     def __init__(
         self,
-        camera: PanoramaCamera | OmniCamera,
+        camera: AnyCamera,
         image_size: tuple[int, int],
         geometry: PanoramaGeometry,
         turn: float = 0.0,
     ) -> None:
         if not math.isfinite(turn):
             raise CameraError(f"turn = {turn}: must be a finite angle in radians")
+        _check_size(camera, image_size)
         self.camera, self.image_size, self.geometry, self.turn = camera, image_size, geometry, turn
         self._rows: NDArray[np.intp] | None = None
         self._columns: NDArray[np.intp] | None = None
         self._samples = (1, 1)
-        self._wraps = isinstance(camera, PanoramaCamera)
-        seen = self._tabulate_panorama(camera) if isinstance(camera, PanoramaCamera) else self._tabulate_omni(camera)
+        self._wraps = isinstance(camera, PanoramaCamera | EquirectangularCamera)
+        if isinstance(camera, PanoramaCamera) and camera.mounting.is_upright:
+            seen = self._tabulate_panorama(camera)
+        else:
+            seen = self._tabulate_directions(camera)
+        if camera.mask is not None:
+            seen = seen & self._unmasked(camera.mask.world)
         if not seen.any():
             raise CameraError(
                 f"camera: images of {image_size[0]} x {image_size[1]} show no elevation of the panorama "
                 f"[{geometry.elevation_bottom_deg:g}, {geometry.elevation_top_deg:g}] degrees; "
-                "check elevation_deg, center_px and valid_radius_px"
+                f"check {_EXTENT_KEYS[camera.kind]}"
             )
         self.valid: NDArray[np.bool_] | None = None if seen.all() else seen
 
@@ -157,7 +158,7 @@ class Unwrapper:
         self._samples = (across, down)
         fine_columns, fine_rows = self._fine_grid()
         sense = 1.0 if camera.columns == "clockwise" else -1.0
-        offset = fine_columns - self.turn * self.geometry.width / (2.0 * np.pi)
+        offset = fine_columns - (self.turn - camera.mounting.yaw) * self.geometry.width / (2.0 * np.pi)
         columns = np.mod(camera.heading_column + sense * offset * (width / self.geometry.width), width)
         rows = source.row_of_elevation(self.geometry.elevation_of_row(fine_rows))
         seen_rows = np.asarray((rows > -0.5 - _WHOLE) & (rows < height - 0.5 + _WHOLE))
@@ -169,28 +170,56 @@ class Unwrapper:
         seen = np.asarray(seen_rows.reshape(-1, down).all(axis=1))
         return np.repeat(seen[:, None], self.geometry.width, axis=1)
 
-    def _tabulate_omni(self, camera: OmniCamera) -> NDArray[np.bool_]:
-        width, height = self.image_size
-        inner, outer = camera.valid_radius_px
-        coarse = radius_px(camera.profile, self.geometry.elevation_of_row(np.arange(self.geometry.height)))
-        used = coarse[(coarse >= inner) & (coarse <= outer)]
-        largest, step = (np.max(used), np.max(np.abs(np.diff(used)), initial=1.0)) if used.size else (1.0, 1.0)
-        across, down = _samples(2.0 * np.pi * largest / self.geometry.width), _samples(step)
-        self._samples = (across, down)
-        fine_columns, fine_rows = self._fine_grid()
-        azimuth = self.geometry.azimuth_of_column(fine_columns) + self.turn
-        sense = 1.0 if camera.azimuth == "counterclockwise" else -1.0
-        image_angle = math.radians(camera.heading_angle_deg) + sense * azimuth
-        radius = radius_px(camera.profile, self.geometry.elevation_of_row(fine_rows))
-        u = camera.center_px[0] + np.outer(radius, np.cos(image_angle))
-        # v points down while angles in the image count up from +u towards the top.
-        v = camera.center_px[1] - np.outer(radius, np.sin(image_angle))
-        in_ring = ((radius >= inner - _WHOLE) & (radius <= outer + _WHOLE))[:, None]
-        with np.errstate(invalid="ignore"):
-            seen = np.asarray(in_ring & (u >= -0.5) & (u <= width - 0.5) & (v >= -0.5) & (v <= height - 0.5))
-        self._set_maps(np.nan_to_num(u, nan=-1.0), np.nan_to_num(v, nan=-1.0))
-        by_pixel = seen.reshape(self.geometry.height, down, self.geometry.width, across)
+    def _tabulate_directions(self, camera: AnyCamera) -> Bool:
+        """Every pixel of the panorama is a direction, which the mount turns into the camera's frame."""
+        self._samples = self._usual_samples(camera)
+        across, down = self._samples
+        pixels = self._pixels_of(camera, *self._fine_grid())
+        u, v = pixels.u, pixels.v
+        self._set_maps(np.nan_to_num(u + _SEAM * self._wraps, nan=-1.0), np.nan_to_num(v, nan=-1.0))
+        by_pixel = pixels.seen.reshape(self.geometry.height, down, self.geometry.width, across)
         return np.asarray(by_pixel.all(axis=(1, 3)))
+
+    def _pixels_of(self, camera: AnyCamera, columns: FloatArray, rows: FloatArray) -> Pixels:
+        mount = camera.mounting
+        elevation = self.geometry.elevation_of_row(rows)[:, None]
+        azimuth = (self.geometry.azimuth_of_column(columns) + self.turn)[None, :]
+        if mount.is_upright:
+            pixels = pixels_of(camera, self.image_size, azimuth - mount.yaw, elevation)
+        else:
+            pixels = pixels_of(camera, self.image_size, *angles_of(rays_of(azimuth, elevation) @ mount.rotation))
+        return Pixels(*np.broadcast_arrays(*pixels))
+
+    def _usual_samples(self, camera: AnyCamera) -> tuple[int, int]:
+        """How many pixels of the image a pixel of the panorama covers, across and down."""
+        if isinstance(camera, OmniCamera) and camera.mounting.is_upright:
+            inner, outer = camera.valid_radius_px
+            elevations = self.geometry.elevation_of_row(np.arange(self.geometry.height))
+            coarse = radius_px(camera.profile, elevations, camera.looks_up)
+            used = coarse[(coarse >= inner) & (coarse <= outer)]
+            largest, step = (np.max(used), np.max(np.abs(np.diff(used)), initial=1.0)) if used.size else (1.0, 1.0)
+            return _samples(2.0 * np.pi * largest / self.geometry.width), _samples(step)
+        pixels = self._pixels_of(
+            camera, np.arange(self.geometry.width, dtype=np.float64), np.arange(self.geometry.height, dtype=np.float64)
+        )
+        u, v = (np.where(pixels.seen, part, np.nan) for part in (pixels.u, pixels.v))
+        steps = []
+        for axis in (1, 0):
+            step = np.hypot(np.diff(u, axis=axis), np.diff(v, axis=axis))
+            known = step[np.isfinite(step)]
+            steps.append(_samples(float(np.quantile(known, _USUAL_STEP))) if known.size else 1)
+        return steps[0], steps[1]
+
+    def _unmasked(self, world: Bool) -> Bool:
+        """Pixels of the panorama that are made of pixels of the world alone."""
+        if self._rows is not None and self._columns is not None:
+            return world[np.ix_(self._rows, self._columns)]
+        levels = world.astype(np.uint8) * np.uint8(255)
+        if self._wraps:
+            levels = cv2.copyMakeBorder(levels, 0, 0, _SEAM, _SEAM, cv2.BORDER_WRAP)
+        fine = cv2.remap(levels, self._map_1, self._map_2, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) > _WORLD_LEVEL
+        across, down = self._samples
+        return np.asarray(fine.reshape(self.geometry.height, down, self.geometry.width, across).all(axis=(1, 3)))
 
     def _fine_grid(self) -> tuple[FloatArray, FloatArray]:
         """Columns and rows of the sample points, in pixels of the target."""
@@ -204,6 +233,36 @@ class Unwrapper:
         self._map_1, self._map_2 = u.astype(np.float32), v.astype(np.float32)
         if self._samples != (1, 1):
             self._map_1, self._map_2 = cv2.convertMaps(self._map_1, self._map_2, cv2.CV_16SC2)
+
+
+_EXTENT_KEYS = {
+    "panorama": "elevation_deg",
+    "omni": "elevation_deg, center_px, valid_radius_px and the lens's field",
+    "equirectangular": "elevation_deg",
+    "fisheye_pair": "field_deg and where front and back look",
+}
+_WORLD_LEVEL = 252  # of 255: less shows a pixel of the robot through the interpolation
+
+
+def _check_size(camera: AnyCamera, image_size: tuple[int, int]) -> None:
+    found = f"{image_size[0]} x {image_size[1]}"
+    faults = []
+    sizes = [("lens", camera.size_px)] if isinstance(camera, LensCamera) else []
+    if isinstance(camera, FisheyePairCamera):
+        whole = [(name, one) for name, one in (("front", camera.front), ("back", camera.back)) if one.offset_px == (0.0, 0.0)]
+        sizes = [(name, one.size_px) for name, one in whole if one.size_px != (image_size[0] // 2, image_size[1])]
+    for name, size in sizes:
+        if size is not None and size != image_size:
+            faults.append(f"{name} = calibrated for {size[0]} x {size[1]} pixels: images have {found}; calibrate at their size")
+    if isinstance(camera, EquirectangularCamera) and image_size[0] != 2 * image_size[1]:
+        faults.append(
+            f"kind = equirectangular: images of {found} are not twice as wide as high; use kind: panorama with elevation_deg"
+        )
+    if camera.mask is not None and camera.mask.size != image_size:
+        width, height = camera.mask.size
+        faults.append(f"mask = {width} x {height} pixels: images have {found}; paint it on one of the images")
+    if faults:
+        raise CameraError(f"camera: {fault}" for fault in faults)
 
 
 def _samples(shrink: float) -> int:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
+from panoloc_mcl.robot.geometry import compose
 from panoloc_mcl.robot.observation.field import VoteField
 from panoloc_mcl.robot.reasons import Reason
 
@@ -47,6 +48,14 @@ class Cluster:
     pose: Float64
     covariance: Float64
     mass: float
+
+    def of_point(self, offset: Float64) -> Cluster:
+        """The same hypothesis about another point of the robot, at (x, y, 0) as seen from the one that the poses are of."""
+        pose = compose(self.pose, offset)
+        dx, dy = pose[:2] - self.pose[:2]
+        # An error of the heading swings it round.
+        swing = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
+        return replace(self, pose=pose, covariance=np.asarray(swing @ self.covariance @ swing.T))
 
     @property
     def spread_m(self) -> float:
@@ -96,6 +105,10 @@ class FilterState:
     effective_count: float
     resampled: bool
     elsewhere: float = math.nan
+
+    def of_point(self, offset: Float64) -> FilterState:
+        """The belief about another point of the robot (see `Cluster.of_point`)."""
+        return replace(self, clusters=tuple(cluster.of_point(offset) for cluster in self.clusters)) if offset.any() else self
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.robot.filters import Status
+from panoloc_mcl.robot.camera import Mount
+from panoloc_mcl.robot.filters import Cluster, Status
 from panoloc_mcl.robot.observation import VoteField
 
 Float64 = NDArray[np.float64]
@@ -66,8 +67,8 @@ class Location:
     vote_field: VoteField
 
 
-def located(votes: VoteField, map_revision: str) -> Location:
-    """The pose that a vote field gives: the refined one if there is one, or else its best cell."""
+def located(votes: VoteField, map_revision: str, mount: Mount) -> Location:
+    """The base's pose that a vote field gives: the refined one if there is one, or else its best cell."""
     if votes.informative and votes.measurement is not None:
         pose, covariance = votes.measurement.pose, votes.measurement.covariance
     else:
@@ -76,4 +77,5 @@ def located(votes: VoteField, map_revision: str) -> Location:
         pose = np.array([*places.positions[peak.place], peak.heading])
         step = 2.0 * np.pi / max(len(votes.headings), 1)
         covariance = np.diag(np.array([places.spacing, places.spacing, step]) ** 2 / 12.0)
-    return Location(pose.copy(), covariance.copy(), votes.confidence, votes.problem, map_revision, votes)
+    of_base = Cluster(pose, covariance, 1.0).of_point(-mount.offset)
+    return Location(of_base.pose, of_base.covariance, votes.confidence, votes.problem, map_revision, votes)

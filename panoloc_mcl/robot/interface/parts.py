@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from panoloc_mcl.robot.camera import Camera, Unwrapper
+from panoloc_mcl.robot.camera import Camera, Mount, Unwrapper
 from panoloc_mcl.robot.filters import PoseFilter, Sightings, Status
 from panoloc_mcl.robot.locks import Lock
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
@@ -23,6 +23,8 @@ class Parts:
     _camera: Camera | None
     _image_size: tuple[int, int] | None
     _unwrap: Unwrapper
+    _mount: Mount
+    _stamp_offset_s: float
     _observation: ObservationModel
     _odometry: OdometryBuffer
     _clock: ImageClock
@@ -31,7 +33,7 @@ class Parts:
     _seed: int | tuple[int, ...]
     # How often the pose was given or forgotten: random numbers go on from there.
     _begun_anew: int
-    # The last answer: where the pose between images begins.
+    # The camera's pose at the last answer: where the pose between images begins.
     _anchor: tuple[Anchor, Status] | None
     _has_fix: bool
     # The next image counts whatever the motion gate says.

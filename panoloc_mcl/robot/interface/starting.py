@@ -7,8 +7,9 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from panoloc_mcl.robot.camera import Mount
 from panoloc_mcl.robot.errors import ConfigError, MeasurementError
-from panoloc_mcl.robot.filters import KalmanOrientationFilter, MonteCarloFilter, OdometryOnlyFilter, PoseFilter, Start
+from panoloc_mcl.robot.filters import Cluster, KalmanOrientationFilter, MonteCarloFilter, OdometryOnlyFilter, PoseFilter, Start
 from panoloc_mcl.robot.motion import is_possible, planar_pose
 from panoloc_mcl.robot.observation import Places
 from panoloc_mcl.robot.settings.localizer import InitialPose, LocalizerSettings
@@ -25,8 +26,8 @@ def make_filter(settings: LocalizerSettings, places: Places, start: Start, rng: 
     return KalmanOrientationFilter(places, start, settings.kalman_orientation, settings.status, rng)
 
 
-def start_of(settings: LocalizerSettings, start_pose: tuple[float, float, float] | None) -> Start:
-    """What the settings say of the start.
+def start_of(settings: LocalizerSettings, start_pose: tuple[float, float, float] | None, mount: Mount) -> Start:
+    """What the settings say of the camera's pose at the start; what is given is the base's.
 
     Raises
     ------
@@ -35,12 +36,8 @@ def start_of(settings: LocalizerSettings, start_pose: tuple[float, float, float]
     """
     initial = settings.initial
     if isinstance(initial, InitialPose):
-        return Start(
-            (initial.x, initial.y),
-            math.radians(initial.heading_deg),
-            initial.sd_position_m,
-            math.radians(initial.sd_heading_deg),
-        )
+        x, y, heading = mount.camera_poses([initial.x, initial.y, math.radians(initial.heading_deg)]).tolist()
+        return Start((x, y), heading, initial.sd_position_m, math.radians(initial.sd_heading_deg))
     if initial == "uniform":
         return Start()
     if start_pose is None:
@@ -51,12 +48,12 @@ def start_of(settings: LocalizerSettings, start_pose: tuple[float, float, float]
     pose = planar_pose(start_pose, "start_pose")
     if not is_possible(pose):
         raise ConfigError(f"start_pose = {start_pose}: no robot can be there; give x, y in metres and the heading in radians")
-    x, y, heading = pose.tolist()
+    x, y, heading = mount.camera_poses(pose).tolist()
     return Start((x, y) if initial == "known_pose" else None, heading + math.radians(settings.initial_heading_error_deg))
 
 
-def start_around(pose: ArrayLike, covariance: ArrayLike | None) -> Start:
-    """A pose that somebody gives, (3,), with its covariance (3, 3); that of the default start pose if left out.
+def start_around(pose: ArrayLike, covariance: ArrayLike | None, mount: Mount) -> Start:
+    """A pose of the base that somebody gives, (3,), with its covariance (3, 3); that of the default start pose if left out.
 
     Raises
     ------
@@ -73,4 +70,5 @@ def start_around(pose: ArrayLike, covariance: ArrayLike | None) -> Start:
         raise MeasurementError("covariance: must be 3 x 3, symmetric and finite; give that of x, y and heading")
     if float(np.linalg.eigvalsh(spread).min()) < -1e-9 * max(float(np.trace(spread)), 1.0):
         raise MeasurementError("covariance: has a negative variance along some direction; give that of x, y and heading")
-    return Start.around(mean, 0.5 * (spread + spread.T))
+    of_camera = Cluster(mean, 0.5 * (spread + spread.T), 1.0).of_point(mount.offset)
+    return Start.around(of_camera.pose, of_camera.covariance)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from panoloc_mcl.robot.filters import Sightings, Start, Status
+from panoloc_mcl.robot.filters import Cluster, Sightings, Start, Status
 from panoloc_mcl.robot.geometry import compose, inverse
 from panoloc_mcl.robot.interface.answers import Location, TimedPose, located
 from panoloc_mcl.robot.interface.parts import Parts
@@ -44,6 +44,9 @@ class Steering(Parts):
         anchor, status = self._anchor
         timestamp = max(self._odometry.newest, anchor.timestamp) if timestamp is None else seconds(timestamp)
         pose, covariance = carried_to(anchor, self._odometry, timestamp)
+        if self._mount.offset.any():
+            of_base = Cluster(pose, covariance, 1.0).of_point(-self._mount.offset)
+            pose, covariance = of_base.pose, of_base.covariance
         if status is Status.CONVERGED and not self._is_narrow(covariance):
             status = Status.STALE
         return TimedPose(timestamp, pose, covariance, status, anchor.timestamp)
@@ -61,11 +64,12 @@ class Steering(Parts):
         driven = None if robot is None else self._odometry.raw_pose_at(robot.timestamp)
         if robot is None or driven is None:
             return None
+        driven = self._mount.base_poses(driven)
         return TimedPose(robot.timestamp, compose(robot.pose, inverse(driven)), robot.covariance, robot.status, robot.answered)
 
     @locked
     def locate(self, image: NDArray[Any]) -> Location:
-        """Where one image was taken, by itself; the belief is neither asked nor changed.
+        """Where the robot was when one image was taken, by that image alone; the belief is neither asked nor changed.
 
         Raises
         ------
@@ -73,7 +77,8 @@ class Steering(Parts):
             Another size or type than the camera delivers.
         """
         with one_blas_thread():
-            return located(self._observation.observe(self._unwrap(image), None), self.map_revision)
+            votes = self._observation.observe(self._unwrap(image), None)
+        return located(votes, self.map_revision, self._mount)
 
     @locked
     def set_pose(self, pose: ArrayLike, covariance: ArrayLike | None = None, timestamp: float | None = None) -> None:
@@ -93,7 +98,7 @@ class Steering(Parts):
         MeasurementError
             Not finite, of another shape, or a covariance that none can have.
         """
-        start = start_around(pose, covariance)
+        start = start_around(pose, covariance, self._mount)
         newest = max(self._odometry.newest, -math.inf if self._clock.now is None else self._clock.now)
         when = newest if timestamp is None else seconds(timestamp)
         self._begin_anew(start, when if math.isfinite(when) else None)
@@ -126,6 +131,7 @@ class Steering(Parts):
         observation = panorama_map.observation_model(self.config.observation)
         known = self._anchor if keep_pose else None
         self._map, self._unwrap, self._observation, self._revision = panorama_map, unwrap, observation, ""
+        self._mount, self._stamp_offset_s = unwrap.camera.mounting, unwrap.camera.stamp_offset_s
         self._begin_anew(Start() if known is None else Start.around(known[0].pose, known[0].covariance), self._clock.now)
         if known is not None:
             self._anchor, self._has_fix = known, known[1] is Status.CONVERGED

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from panoloc_mcl.robot.camera.spec import OmniCamera, PanoramaCamera
+from panoloc_mcl.robot.camera.spec import AnyCamera
 from panoloc_mcl.robot.errors import DatasetError, did_you_mean
 from panoloc_mcl.robot.images import ImageSource
 from panoloc_mcl.robot.references import References
@@ -30,10 +30,10 @@ class Sequence:
     path : Path
         The folder.
     times : ndarray of float64, shape (n,)
-        Seconds, strictly increasing.
+        Seconds, strictly increasing, by the clock of odometry.
     files : tuple of Path or StoredImage
         One image a time.
-    camera : PanoramaCamera or OmniCamera
+    camera : AnyCamera
     image_size : (int, int)
         Width and height.
     odometry : Trajectory or None
@@ -46,7 +46,7 @@ class Sequence:
     path: Path
     times: FloatArray
     files: tuple[ImageSource, ...]
-    camera: PanoramaCamera | OmniCamera
+    camera: AnyCamera
     image_size: tuple[int, int]
     odometry: Trajectory | None = None
     groundtruth: Trajectory | None = None
@@ -69,7 +69,7 @@ class Dataset:
     name, description, licence : str
     path : Path
         The folder.
-    camera : PanoramaCamera or OmniCamera
+    camera : AnyCamera
         Of all images in folders without a camera of their own.
     references : References
     sequences : dict of str to Sequence
@@ -80,7 +80,7 @@ class Dataset:
     path: Path
     description: str
     licence: str
-    camera: PanoramaCamera | OmniCamera
+    camera: AnyCamera
     references: References
     sequences: dict[str, Sequence] = field(default_factory=dict)
 

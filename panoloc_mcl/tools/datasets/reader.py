@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field
 
-from panoloc_mcl.robot.camera.spec import Camera, OmniCamera, PanoramaCamera, camera_from_mapping
+from panoloc_mcl.robot.camera.files import camera_with_files, read_camera
+from panoloc_mcl.robot.camera.spec import AnyCamera, Camera
 from panoloc_mcl.robot.camera.unwrap import Unwrapper, geometry_of
 from panoloc_mcl.robot.errors import CameraError, ConfigError, DatasetError, ImageError
 from panoloc_mcl.robot.images import image_size
@@ -23,6 +25,12 @@ FORMAT = "panoloc-dataset/1"
 _MOST_FAULTS = 10
 
 
+class ReferencePoses(StrictModel):
+    """Whose poses stand in ``poses.csv``: those of the robot's base, as all others, or of the camera on it."""
+
+    poses_of: Literal["base", "camera"] = "base"
+
+
 class DatasetFile(StrictModel):
     """The contents of ``dataset.yaml``."""
 
@@ -31,6 +39,7 @@ class DatasetFile(StrictModel):
     description: str = ""
     licence: str = ""
     camera: Camera
+    references: ReferencePoses = ReferencePoses()
 
 
 @dataclass
@@ -78,7 +87,7 @@ def scan_dataset(path: Path) -> Scan:
     camera = info.camera if info is not None else None
     # Folders that share the camera of dataset.yaml must share its image size, too.
     shared: dict[str, tuple[Path, tuple[int, int]]] = {}
-    scan.references = _read_references(path / "references", camera, shared, scan.faults)
+    scan.references = _read_references(path / "references", camera, info, shared, scan.faults)
     for folder in _sequence_folders(path / "sequences"):
         sequence = _read_sequence(folder, camera, shared, scan.faults)
         if sequence is not None:
@@ -91,8 +100,11 @@ def scan_dataset(path: Path) -> Scan:
 
 def _read_info(path: Path, faults: list[str]) -> DatasetFile | None:
     try:
-        return validate(DatasetFile, read_yaml(path), str(path))
-    except ConfigError as error:
+        data = read_yaml(path)
+        if isinstance(data.get("camera"), Mapping):
+            data["camera"] = camera_with_files(data["camera"], path.parent, str(path), "camera.")
+        return validate(DatasetFile, data, str(path))
+    except (CameraError, ConfigError) as error:
         faults.extend(error.faults)
         return None
 
@@ -105,7 +117,8 @@ def _sequence_folders(path: Path) -> list[Path]:
 
 def _read_references(
     folder: Path,
-    camera: PanoramaCamera | OmniCamera | None,
+    camera: AnyCamera | None,
+    info: DatasetFile | None,
     shared: dict[str, tuple[Path, tuple[int, int]]],
     faults: list[str],
 ) -> References | None:
@@ -117,12 +130,13 @@ def _read_references(
     size = _common_size(folder, table.files, faults) if table is not None else None
     if table is None or seen_by is None or size is None or not _fits(folder, seen_by, size, shared, faults):
         return None
-    return References(folder, table.files, table.numbers, seen_by, size)
+    poses_of = info.references.poses_of if info is not None else "base"
+    return References(folder, table.files, table.numbers, seen_by, size, poses_of)
 
 
 def _read_sequence(
     folder: Path,
-    camera: PanoramaCamera | OmniCamera | None,
+    camera: AnyCamera | None,
     shared: dict[str, tuple[Path, tuple[int, int]]],
     faults: list[str],
 ) -> Sequence | None:
@@ -136,7 +150,10 @@ def _read_sequence(
         return None
     if len(faults) > before:
         return None
-    times = table.numbers[:, 0].copy()
+    # By the clock of odometry from here on, so the camera that goes with it has no offset any more.
+    times = table.numbers[:, 0] + seen_by.stamp_offset_s
+    if seen_by.time_offset_s is not None:
+        seen_by = seen_by.model_copy(update={"time_offset_s": None})
     return Sequence(folder.name, folder, times, table.files, seen_by, size, odometry, groundtruth)
 
 
@@ -150,14 +167,12 @@ def _read_trajectory(path: Path, faults: list[str]) -> Trajectory | None:
         return None
 
 
-def _folder_camera(
-    folder: Path, camera: PanoramaCamera | OmniCamera | None, faults: list[str]
-) -> PanoramaCamera | OmniCamera | None:
+def _folder_camera(folder: Path, camera: AnyCamera | None, faults: list[str]) -> AnyCamera | None:
     path = folder / "camera.yaml"
     if not path.exists():
         return camera
     try:
-        return camera_from_mapping(read_yaml(path), str(path))
+        return read_camera(path)
     except (ConfigError, CameraError) as error:
         faults.extend(error.faults)
         return None
@@ -188,7 +203,7 @@ def _common_size(folder: Path, files: tuple[Path, ...], faults: list[str], spare
 
 def _fits(
     folder: Path,
-    camera: PanoramaCamera | OmniCamera,
+    camera: AnyCamera,
     size: tuple[int, int],
     shared: dict[str, tuple[Path, tuple[int, int]]],
     faults: list[str],

@@ -5,11 +5,12 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from panoloc_mcl.robot.camera.spec import OmniCamera, PanoramaCamera, to_mapping
+from panoloc_mcl.robot.camera.spec import AnyCamera, to_mapping
 from panoloc_mcl.robot.errors import DatasetError, ImageError
 from panoloc_mcl.robot.files import write_atomically
 from panoloc_mcl.robot.images import Image, ImageSource, StoredImage, write_image
@@ -18,6 +19,8 @@ from panoloc_mcl.tools.datasets.dataset import Dataset
 from panoloc_mcl.tools.datasets.reader import FORMAT
 from panoloc_mcl.tools.datasets.tables import write_image_table
 from panoloc_mcl.tools.datasets.trajectory import Trajectory, write_tum
+
+MASK_FILE = "mask.png"
 
 
 class DatasetWriter:
@@ -30,10 +33,12 @@ class DatasetWriter:
     path : Path
         A folder that does not exist yet, or is empty.
     name, description, licence : str
-    camera : PanoramaCamera or OmniCamera
+    camera : AnyCamera
         Of all images in folders that get no camera of their own.
     resume : bool
         Go on in a folder that an earlier writer was stopped in.
+    poses_of : str
+        Whose poses those of the references are: ``base`` or ``camera``.
 
     Raises
     ------
@@ -45,21 +50,23 @@ class DatasetWriter:
         self,
         path: Path,
         name: str,
-        camera: PanoramaCamera | OmniCamera,
+        camera: AnyCamera,
         description: str = "",
         licence: str = "",
         resume: bool = False,
+        poses_of: Literal["base", "camera"] = "base",
     ) -> None:
         if not resume and path.exists() and (not path.is_dir() or any(path.iterdir())):
             raise DatasetError(f"{path}: already exists and is not empty; choose another folder or remove it")
         self.path, self.name, self.camera = path, name, camera
         self.description, self.licence = description, licence
+        self.poses_of = poses_of
 
     def add_references(
         self,
         images: Iterable[Image | None],
         poses: ArrayLike,
-        camera: PanoramaCamera | OmniCamera | None = None,
+        camera: AnyCamera | None = None,
         names: Iterable[str] | None = None,
     ) -> None:
         """Write the reference images and ``poses.csv``.
@@ -69,7 +76,7 @@ class DatasetWriter:
         images : iterable of ndarray or None
             8- or 16-bit, grey, BGR or BGRA; consumed one by one. None: the file is there already.
         poses : array_like of float, shape (n, 3)
-        camera : PanoramaCamera or OmniCamera, optional
+        camera : AnyCamera, optional
             When it is another than the data set's.
         names : iterable of str, optional
             File names, PNG or JPEG by their ending; ``ref_000.png`` and so on if left out.
@@ -94,7 +101,7 @@ class DatasetWriter:
         images: Iterable[Image | None],
         odometry: Trajectory | None = None,
         groundtruth: Trajectory | None = None,
-        camera: PanoramaCamera | OmniCamera | None = None,
+        camera: AnyCamera | None = None,
         names: Iterable[str] | None = None,
     ) -> None:
         """Write one sequence; parameters as in :meth:`add_references`, times in seconds, shape (n,).
@@ -125,8 +132,10 @@ class DatasetWriter:
             "name": self.name,
             "description": self.description,
             "licence": self.licence,
-            "camera": to_mapping(self.camera),
+            "camera": _mapping(self.path, self.camera),
         }
+        if self.poses_of != "base":
+            data["references"] = {"poses_of": self.poses_of}
         write_atomically(self.path / "dataset.yaml", dump_yaml(data))
         return self.path
 
@@ -149,8 +158,10 @@ def copy_dataset(dataset: Dataset, path: Path) -> Path:
     DatasetError
         The folder is not empty, or a file cannot be written.
     """
-    writer = DatasetWriter(path, dataset.name, dataset.camera, dataset.description, dataset.licence)
     references = dataset.references
+    writer = DatasetWriter(
+        path, dataset.name, dataset.camera, dataset.description, dataset.licence, poses_of=references.poses_of
+    )
     names = _copy_images(references.path, references.files, path / "references")
     rows = [(name, *(repr(float(v)) for v in pose)) for name, pose in zip(names, references.poses, strict=True)]
     write_image_table(path / "references" / "poses.csv", ("file", "x", "y", "theta"), rows)
@@ -167,9 +178,18 @@ def copy_dataset(dataset: Dataset, path: Path) -> Path:
     return writer.finish()
 
 
-def _write_camera(folder: Path, camera: PanoramaCamera | OmniCamera | None, common: PanoramaCamera | OmniCamera) -> None:
+def _write_camera(folder: Path, camera: AnyCamera | None, common: AnyCamera) -> None:
     if camera is not None and camera != common:
-        write_atomically(folder / "camera.yaml", dump_yaml(to_mapping(camera)))
+        write_atomically(folder / "camera.yaml", dump_yaml(_mapping(folder, camera)))
+
+
+def _mapping(folder: Path, camera: AnyCamera) -> dict[str, Any]:
+    """A camera's mapping; its mask becomes a picture beside the file."""
+    mapping = to_mapping(camera)
+    if camera.mask is not None:
+        write_atomically(folder / MASK_FILE, camera.mask.png())
+        mapping["mask"] = MASK_FILE
+    return mapping
 
 
 def _copy_images(source: Path, files: tuple[ImageSource, ...], folder: Path) -> list[str]:

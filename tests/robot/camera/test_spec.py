@@ -53,7 +53,7 @@ def test_every_profile_survives_yaml(profile: dict[str, Any]) -> None:
         ({"columns": "sideways"}, ["columns", "'clockwise' or 'counterclockwise'"]),
         ({"height_m": 0}, ["height_m", "greater than 0"]),
         ({"elevation": [0, 1]}, ["unknown key 'elevation'", "elevation_deg"]),
-        ({"kind": "panoramic"}, ["kind = 'panoramic'", "'panorama' or 'omni'"]),
+        ({"kind": "panoramic"}, ["kind = 'panoramic'", "'panorama', 'omni', 'equirectangular' or 'fisheye_pair'"]),
     ],
 )
 def test_a_faulty_panorama_camera_is_named(change: dict[str, Any], words: list[str]) -> None:

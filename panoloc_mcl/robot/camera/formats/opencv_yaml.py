@@ -1,0 +1,39 @@
+"""OpenCV's own YAML (``%YAML:1.0``, ``!!opencv-matrix``) as plain numbers, lists and texts, read by OpenCV itself."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+
+from panoloc_mcl.robot.errors import CameraError
+
+
+def parse_opencv(text: str, source: str) -> dict[str, Any]:
+    """All that the file's text holds; matrices as flat lists.
+
+    Raises
+    ------
+    CameraError
+        Not of this format.
+    """
+    start = text if text.startswith("%YAML") else "%YAML:1.0\n---\n" + text
+    try:
+        storage = cv2.FileStorage(start, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+        root = storage.root()
+        return {key: _plain(root.getNode(key)) for key in root.keys()}  # noqa: SIM118
+    except (cv2.error, SystemError) as error:
+        raise CameraError(f"{source}: is not valid OpenCV YAML ({str(error).splitlines()[0]}); export it again") from error
+
+
+def _plain(node: Any) -> Any:
+    if node.isMap():
+        keys = node.keys()
+        if {"rows", "cols", "data"} <= set(keys):
+            return node.mat().ravel().tolist()
+        return {key: _plain(node.getNode(key)) for key in keys}
+    if node.isSeq():
+        return [_plain(node.at(index)) for index in range(node.size())]
+    if node.isString():
+        return node.string()
+    return node.real() if node.isInt() or node.isReal() else None
