@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import os
 import re
+import struct
 import tempfile
+import tokenize
 import zipfile
-from collections.abc import Mapping
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from platformdirs import user_cache_path
 
-from panoloc_mcl.robot.errors import OutputError
+from panoloc_mcl.robot.errors import ConfigError, OutputError, PanolocError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -22,11 +27,67 @@ if TYPE_CHECKING:
 
 CACHE_VARIABLE = "PANOLOC_CACHE_DIR"
 
+_LONGEST_PREFIX = 200
+# What reading a damaged archive of arrays may raise.
+_DAMAGED = (
+    zipfile.BadZipFile,
+    zlib.error,
+    EOFError,
+    LookupError,
+    AttributeError,
+    TypeError,
+    ValueError,
+    OverflowError,
+    MemoryError,
+    NotImplementedError,
+    RuntimeError,
+    SyntaxError,
+    tokenize.TokenError,
+    struct.error,
+)
+
 
 def cache_folder() -> Path:
-    """Where what can be made again is kept, such as built maps and rendered light: ``PANOLOC_CACHE_DIR``, or else the user's cache."""
+    """Where what can be made again is kept, such as built maps and rendered light: ``PANOLOC_CACHE_DIR``, or else the user's cache.
+
+    A user without a home folder has one among the temporary files.
+
+    Raises
+    ------
+    ConfigError
+        ``PANOLOC_CACHE_DIR`` names the home folder of nobody.
+    """
     chosen = os.environ.get(CACHE_VARIABLE)
-    return Path(chosen).expanduser() if chosen else user_cache_path("panoloc_mcl", appauthor=False)
+    if chosen:
+        return at_home(chosen, CACHE_VARIABLE)
+    usual = user_cache_path("panoloc_mcl", appauthor=False)
+    if usual.is_absolute():
+        return usual
+    return Path(tempfile.gettempdir()) / f"panoloc_mcl-{getattr(os, 'getuid', lambda: 0)()}"
+
+
+def at_home(path: str | Path, key: str) -> Path:
+    """A path with ``~`` and ``~user`` put in.
+
+    Raises
+    ------
+    ConfigError
+        No such user, or one without a home folder; ``key`` says where the path was given.
+    """
+    try:
+        return Path(path).expanduser()
+    except RuntimeError:
+        raise ConfigError(f"{key} = {path}: there is no such home folder; write the whole path") from None
+
+
+@contextmanager
+def known_errors(kind: type[PanolocError], path: str | Path, what: str = "read") -> Iterator[None]:
+    """Turn what the file system refuses (folders not permitted, names too long, disks gone) into a known error."""
+    try:
+        yield
+    except OSError as error:
+        where = error.filename if isinstance(error.filename, str) else path
+        raise kind(f"{where}: cannot be {what} ({error.strerror or error}); check the path and permissions") from error
 
 
 def write_atomically(path: Path, content: bytes | str) -> None:
@@ -47,18 +108,27 @@ def write_atomically(path: Path, content: bytes | str) -> None:
     temporary = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        # With its ending the name must not grow too long for the file system.
+        name = path.name.encode()[:_LONGEST_PREFIX].decode(errors="ignore")
+        handle, temporary = tempfile.mkstemp(prefix=f".{name}.", dir=path.parent)
         with os.fdopen(handle, "wb") as stream:
             stream.write(data)
+            # On the disk before it gets its name: after a crash there is the old file or the new one.
+            stream.flush()
+            os.fsync(stream.fileno())
         # mkstemp makes files private; what this package writes is meant to be shared like any other file.
         umask = os.umask(0)
         os.umask(umask)
         Path(temporary).chmod(0o666 & ~umask)
         Path(temporary).replace(path)
-    except OSError as error:
+        temporary = None
+    except (OSError, ValueError) as error:
+        why = error.strerror if isinstance(error, OSError) else str(error)
+        raise OutputError(f"{path}: cannot be written ({why}); check permissions and free space") from error
+    finally:
+        # After Ctrl-C, too.
         if temporary is not None:
             Path(temporary).unlink(missing_ok=True)
-        raise OutputError(f"{path}: cannot be written ({error.strerror}); check permissions and free space") from error
 
 
 def remove_unfinished(folder: Path) -> None:
@@ -106,12 +176,31 @@ def read_arrays(path: Path) -> tuple[dict[str, Any], dict[str, NDArray[np.generi
     """
     import numpy as np
 
+    content = path.read_bytes()
     try:
-        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as content:
-            arrays = {name: content[name] for name in content.files}
+        with zipfile.ZipFile(io.BytesIO(content)) as parts:
+            for part in parts.infolist():
+                _check_part(parts, part, len(content))
+        with np.load(io.BytesIO(content), allow_pickle=False) as loaded:
+            arrays = {name: loaded[name] for name in loaded.files}
         header = json.loads(arrays.pop("header").tobytes().decode("utf-8"))
-    except (zipfile.BadZipFile, EOFError, KeyError, AttributeError, TypeError, ValueError) as error:
+    except _DAMAGED as error:
         raise ValueError(f"not written by this program, or cut short: {error}") from error
     if not isinstance(header, dict):
         raise ValueError("its header is no mapping")
     return header, arrays
+
+
+def _check_part(parts: zipfile.ZipFile, part: zipfile.ZipInfo, size: int) -> None:
+    """Refuse a part that would take more memory than the file has bytes, before any is taken."""
+    import numpy as np
+
+    if part.compress_type != zipfile.ZIP_STORED or part.file_size > size:
+        raise ValueError(f"part {part.filename} says it holds {part.file_size} bytes in a file of {size}")
+    with parts.open(part) as stream:
+        version = np.lib.format.read_magic(stream)
+        read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, _, dtype = read_header(stream)
+        needed = math.prod(shape) * dtype.itemsize
+        if dtype.hasobject or needed != part.file_size - stream.tell():
+            raise ValueError(f"part {part.filename} says it holds {needed} bytes, and holds {part.file_size - stream.tell()}")

@@ -43,6 +43,9 @@ _PNG_START, _PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
 _JPEG_START, _JPEG_END = b"\xff\xd8\xff", b"\xff\xd9"
 _JPEG_PLAIN_MARKERS = {0x01, *range(0xD0, 0xD9)}
 _JPEG_FRAME_MARKERS = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
+_JPEG_SCAN_MARKER = 0xDA
+# Twice what the largest 360-degree cameras deliver.
+_MOST_PIXELS = 1 << 28
 
 
 def read_image(path: ImageSource) -> Image:
@@ -61,16 +64,20 @@ def read_image(path: ImageSource) -> Image:
     if not isinstance(path, Path):
         return path.read()
     data = _bytes_of(path)
+    # What stands behind the end marker is padding, or the film of a motion photo.
     if data.startswith(_PNG_START):
-        whole = _PNG_END in data[-64:]
+        whole, size = _PNG_END in data, _png_size(data)
     elif data.startswith(_JPEG_START):
-        # Some cameras append padding after the end marker.
-        whole = _JPEG_END in data[-1024:]
+        size, scan = _jpeg_frame(data)
+        # A thumbnail before the scan has an end marker of its own.
+        whole = _JPEG_END in data[scan:]
     else:
         raise ImageError(f"{path}: is neither a PNG nor a JPEG file; convert it")
     # The decoder would fill a cut-off image with grey instead of failing.
     if not whole:
         raise ImageError(f"{path}: is cut off after {len(data)} bytes; copy it again")
+    if size is not None and size[0] * size[1] > _MOST_PIXELS:
+        raise ImageError(f"{path}: says it has {size[0]} x {size[1]} pixels; must have at most {_MOST_PIXELS}: make it smaller")
     try:
         image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
@@ -79,8 +86,18 @@ def read_image(path: ImageSource) -> Image:
         raise ImageError(f"{path}: cannot be decoded, the file is damaged; copy it again")
     if image.dtype not in (np.uint8, np.uint16) or not (image.ndim == 2 or (image.ndim == 3 and image.shape[2] in (3, 4))):
         raise ImageError(f"{path}: holds {image.dtype} of shape {image.shape}; must be 8- or 16-bit grey, BGR or BGRA")
-    decoded: Image = image
+    decoded: Image = _full_depth(image) if image.dtype == np.uint16 else image
     return decoded
+
+
+def _full_depth(image: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """Sixteen bits from sensors of 10, 12 or 14 that fill only the lower ones: white is white again."""
+    highest = int(image.max(initial=0))
+    bits = next((bits for bits in (10, 12, 14) if highest < 1 << bits), 16)
+    if bits == 16 or highest < 256:
+        return image
+    scaled: NDArray[np.uint16] = (image.astype(np.uint32) * 65535 // ((1 << bits) - 1)).astype(np.uint16)
+    return scaled
 
 
 def write_image(path: Path, image: Image, jpeg_quality: int = 95) -> None:
@@ -129,44 +146,55 @@ def image_size(path: ImageSource) -> tuple[int, int]:
     try:
         with path.open("rb") as stream:
             start = stream.read(32)
-            if start.startswith(_PNG_START) and len(start) >= 24:
-                width, height = struct.unpack(">II", start[16:24])
-                return int(width), int(height)
-            if start.startswith(_JPEG_START):
-                size = _jpeg_size(start + stream.read())
-                if size is not None:
-                    return size
-    except OSError as error:
+            size = None
+            if start.startswith(_PNG_START):
+                size = _png_size(start)
+            elif start.startswith(_JPEG_START):
+                size = _jpeg_frame(start + stream.read())[0]
+            if size is not None:
+                return size
+    except (OSError, ValueError) as error:
         raise _unreadable(path, error) from error
     raise ImageError(f"{path}: is not a whole PNG or JPEG file; convert it or copy it again")
 
 
-def _jpeg_size(data: bytes) -> tuple[int, int] | None:
-    at = 2
+def _png_size(data: bytes) -> tuple[int, int] | None:
+    if len(data) < 24:
+        return None
+    width, height = struct.unpack(">II", data[16:24])
+    return int(width), int(height)
+
+
+def _jpeg_frame(data: bytes) -> tuple[tuple[int, int] | None, int]:
+    """Width and height, if the header says them, and where the pixels begin."""
+    at, size = 2, None
     while at + 9 <= len(data):
         if data[at] != 0xFF:
-            return None
+            break
         marker = data[at + 1]
         if marker == 0xFF:  # fill byte
             at += 1
         elif marker in _JPEG_PLAIN_MARKERS:
             at += 2
-        elif marker in _JPEG_FRAME_MARKERS:
-            height, width = struct.unpack(">HH", data[at + 5 : at + 9])
-            return width, height
+        elif marker == _JPEG_SCAN_MARKER:
+            break
         else:
+            if marker in _JPEG_FRAME_MARKERS:
+                height, width = struct.unpack(">HH", data[at + 5 : at + 9])
+                size = (int(width), int(height))
             at += 2 + int(struct.unpack(">H", data[at + 2 : at + 4])[0])
-    return None
+    return size, at
 
 
 def _bytes_of(path: Path) -> bytes:
     try:
         return path.read_bytes()
-    except OSError as error:
+    except (OSError, ValueError) as error:
         raise _unreadable(path, error) from error
 
 
-def _unreadable(path: Path, error: OSError) -> ImageError:
+def _unreadable(path: Path, error: OSError | ValueError) -> ImageError:
     if isinstance(error, FileNotFoundError):
         return ImageError(f"{path}: no such file; add it, or drop its row")
-    return ImageError(f"{path}: cannot be read ({error.strerror}); check permissions")
+    why = error.strerror if isinstance(error, OSError) else error
+    return ImageError(f"{path}: cannot be read ({why}); check permissions")

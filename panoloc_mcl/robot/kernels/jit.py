@@ -9,11 +9,20 @@ lock, so threads are those of Python (`panoloc_mcl.robot.filters.blocks`).
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-import numba
+_THREADS = "NUMBA_NUM_THREADS"
+if not os.environ.get(_THREADS, "1").strip().isdigit() or int(os.environ.get(_THREADS, "1")) < 1:
+    # Numba would end the process with a traceback at import.
+    warnings.warn(
+        f"{_THREADS} = '{os.environ.pop(_THREADS)}' is no number of threads and not used", RuntimeWarning, stacklevel=1
+    )
+
+import numba  # noqa: E402
+from numba.core.caching import FunctionCache  # noqa: E402
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -39,15 +48,44 @@ def inlined(function: Function) -> Function:
 
 
 def _compiled(function: Function, options: dict[str, Any]) -> Function:
-    global _warned
     try:
         compiled: Function = numba.njit(cache=True, **options)(function)
-    except RuntimeError:
+    except (RuntimeError, OSError):
         # Numba finds no folder it may write to: neither beside the package nor in the user's cache.
-        if not _warned:
-            warnings.warn(
-                "no writable folder for compiled kernels; set NUMBA_CACHE_DIR to keep them", RuntimeWarning, stacklevel=3
-            )
-            _warned = True
+        _warn("no writable folder for compiled kernels; set NUMBA_CACHE_DIR to keep them")
         compiled = numba.njit(**options)(function)
+    if isinstance(cache := getattr(compiled, "_cache", None), FunctionCache):
+        compiled._cache = _ForgivingCache(cache)  # type: ignore[attr-defined]
     return compiled
+
+
+class _ForgivingCache:
+    """Numba's cache of a kernel, but a full disk or a damaged file costs a warning and the time to compile, never the run."""
+
+    def __init__(self, cache: Any) -> None:
+        self._cache = cache
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._cache, name)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return self._cache.load_overload(sig, target_context)
+        except Exception as error:
+            _warn(
+                f"compiled kernels in {self._cache.cache_path} are damaged ({error}) and compiled again; delete them if this lasts"
+            )
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        try:
+            self._cache.save_overload(sig, data)
+        except Exception as error:
+            _warn(f"compiled kernels are not kept in {self._cache.cache_path} ({error}); make room, or set NUMBA_CACHE_DIR")
+
+
+def _warn(text: str) -> None:
+    global _warned
+    if not _warned:
+        warnings.warn(text, RuntimeWarning, stacklevel=4)
+        _warned = True

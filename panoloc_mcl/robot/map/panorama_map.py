@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 
 from panoloc_mcl.robot.camera import Camera, PanoramaGeometry, Unwrapper, camera_from_mapping, to_mapping
 from panoloc_mcl.robot.errors import MapError, PanolocError
-from panoloc_mcl.robot.files import write_atomically
+from panoloc_mcl.robot.files import known_errors, write_atomically
 from panoloc_mcl.robot.observation import ObservationModel, Places, build_settings, model_named
 from panoloc_mcl.robot.observation.base import Arrays
 from panoloc_mcl.robot.progress import Progress, no_progress
@@ -204,7 +204,9 @@ class PanoramaMap:
             Missing, truncated, not a map, or of a newer format.
         """
         path = Path(path)
-        if not path.is_file():
+        with known_errors(MapError, path):
+            found = path.is_file()
+        if not found:
             raise MapError(f"{path}: no such map file; build one with: panoloc build-map DATASET -o {path}")
         try:
             with safe_open(path, framework="numpy") as container:

@@ -5,9 +5,10 @@ The only place in the package that parses YAML.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Hashable, Mapping
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import Any, NoReturn, TypeVar, get_args
 
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
@@ -37,12 +38,27 @@ def _takes_bool(annotation: Any) -> bool:
 Model = TypeVar("Model", bound=StrictModel)
 
 
+# Of a file that people write: more is an accident, or meant to do harm.
+_LONGEST_TEXT, _DEEPEST, _MOST_VALUES = 1_000_000, 40, 20_000
+
+
 class _UniqueKeyLoader(yaml.SafeLoader):
-    """SafeLoader that refuses a key given twice, where plain YAML would silently let the last one win."""
+    """SafeLoader with the numbers of YAML 1.2, that refuses a key given twice, where plain YAML would silently let the last one win.
+
+    In YAML 1.1 a leading zero made a number octal and a colon one to the base of 60: 010 was 8, and 1:30 was 90.
+    """
+
+    yaml_implicit_resolvers = {  # noqa: RUF012 as PyYAML has it
+        first: [(tag, regexp) for tag, regexp in resolvers if tag.rpartition(":")[2] not in ("int", "float", "merge")]
+        for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+    }
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         seen: set[Any] = set()
         for key_node, _ in node.value:
+            if key_node.value == "<<" and isinstance(key_node, yaml.ScalarNode) and key_node.style is None:
+                problem = "merge keys (<<) are not part of YAML 1.2, write the keys themselves"
+                raise yaml.constructor.ConstructorError(None, None, problem, key_node.start_mark)
             key = self.construct_object(key_node, deep=True)
             if not isinstance(key, Hashable):
                 raise yaml.constructor.ConstructorError(None, None, "a key must be plain text", key_node.start_mark)
@@ -50,6 +66,69 @@ class _UniqueKeyLoader(yaml.SafeLoader):
                 raise yaml.constructor.ConstructorError(None, None, f"key '{key}' is given twice", key_node.start_mark)
             seen.add(key)
         return super().construct_mapping(node, deep)
+
+
+def _whole_number(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> int:
+    text = str(loader.construct_scalar(node)).replace("_", "")
+    sign, digits = (text[:1], text[1:]) if text[:1] in "+-" else ("", text)
+    return int(sign + digits, 16 if digits[:2] == "0x" else 10)
+
+
+_UniqueKeyLoader.add_implicit_resolver(
+    "tag:yaml.org,2002:int", re.compile(r"[-+]?(0x[0-9a-fA-F]+|[0-9][0-9_]*)\Z"), list("-+0123456789")
+)
+_UniqueKeyLoader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(
+        r"([-+]?([0-9][0-9_]*)\.[0-9_]*([eE][-+][0-9]+)?|\.[0-9][0-9_]*([eE][-+][0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN))\Z"
+    ),
+    list("-+0123456789."),
+)
+_UniqueKeyLoader.add_constructor("tag:yaml.org,2002:int", _whole_number)
+
+
+def _check_size(text: str) -> None:
+    """Refuse what would take the time or the memory of the machine, before anything is made of it.
+
+    Raises
+    ------
+    YAMLError
+        Too long, too deep, or with aliases that stand for too much.
+    """
+
+    def refuse(problem: str, mark: Any = None) -> NoReturn:
+        raise yaml.MarkedYAMLError(problem=problem, problem_mark=mark)
+
+    if len(text) > _LONGEST_TEXT:
+        refuse(f"{len(text)} characters, at most {_LONGEST_TEXT} are read")
+    # Values below each open node, and what each anchor stands for.
+    counts: list[int] = [0]
+    names: list[str | None] = [None]
+    anchors: dict[str, int | None] = {}
+    for event in yaml.parse(text, Loader=yaml.SafeLoader):
+        if isinstance(event, yaml.AliasEvent):
+            size = anchors.get(str(event.anchor), 0)
+            if size is None:
+                refuse(f"alias *{event.anchor} stands inside what it names", event.start_mark)
+            counts[-1] += size
+        elif isinstance(event, yaml.ScalarEvent):
+            counts[-1] += 1
+            if event.anchor:
+                anchors[event.anchor] = 1
+        elif isinstance(event, yaml.CollectionStartEvent):
+            counts.append(1)
+            names.append(event.anchor)
+            if event.anchor:
+                anchors[event.anchor] = None
+            if len(counts) > _DEEPEST:
+                refuse(f"more than {_DEEPEST} levels deep", event.start_mark)
+        elif isinstance(event, yaml.CollectionEndEvent):
+            count, name = counts.pop(), names.pop()
+            counts[-1] += count
+            if name:
+                anchors[name] = count
+        if counts[-1] > _MOST_VALUES:
+            refuse(f"more than {_MOST_VALUES} values, aliases counted as what they stand for", event.start_mark)
 
 
 def parse_yaml(text: str, source: str, *, locate: bool = True) -> Any:
@@ -69,7 +148,11 @@ def parse_yaml(text: str, source: str, *, locate: bool = True) -> Any:
         Not YAML, or a key given twice.
     """
     try:
+        _check_size(text)
         return yaml.load(text, Loader=_UniqueKeyLoader)
+    except (ValueError, OverflowError, RecursionError) as error:
+        # Such as a 13th month, or a number of five thousand digits.
+        raise ConfigError(f"{source}: not valid YAML: {error}; mend it") from error
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f"{source}:{mark.line + 1}:{mark.column + 1}" if locate and mark is not None else source
@@ -91,7 +174,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
         raise ConfigError(f"{path}: no such file; check the path") from None
     except IsADirectoryError:
         raise ConfigError(f"{path}: is a folder; name the YAML file in it") from None
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, ValueError) as error:
         raise ConfigError(f"{path}: cannot be read ({error}); check permissions and encoding (UTF-8)") from error
     data = parse_yaml(text, str(path))
     if data is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import io
 import os
 import sys
 from collections.abc import Sequence
@@ -58,6 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         is a bug and shows its traceback.
     """
     words = list(sys.argv[1:] if argv is None else argv)
+    _mend_streams()
     args = parse(commands(), words)
     args.command_line = ["panoloc", *words]
     try:
@@ -79,7 +81,24 @@ def main(argv: Sequence[str] | None = None) -> int:
         # Whoever read the output has enough of it; the interpreter must not try to flush it once more.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_BROKEN_PIPE
+    except OSError as error:
+        if args.debug:
+            raise
+        where = f"{error.filename}: " if isinstance(error.filename, str) else ""
+        print(f"{where}{error.strerror or error}; check permissions and free space", file=sys.stderr)
+        return EXIT_FAULT
     return code
+
+
+def _mend_streams() -> None:
+    """Write on, whatever the streams are: closed ones take nothing, and characters that theirs lacks are replaced."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None or stream.closed:
+            # Open as long as the process lives.
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115, PTH123
+        elif isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from panoloc_mcl.robot.errors import DatasetError, did_you_mean
+from panoloc_mcl.robot.files import at_home, known_errors
 
 #: Folders of the data sets in the package, by name.
 EMBEDDED: dict[str, Path] = {
@@ -26,13 +27,14 @@ def resolve_dataset(name_or_path: str | Path) -> Path:
     DatasetError
         Neither a folder nor a known name; with the nearest name.
     """
-    path = Path(name_or_path).expanduser()
-    if (path / "dataset.yaml").is_file():
-        return path
-    embedded = EMBEDDED.get(str(name_or_path))
-    if embedded is not None:
-        return embedded
-    if path.is_dir():
-        return path
+    path = at_home(name_or_path, "dataset")
+    with known_errors(DatasetError, path):
+        if (path / "dataset.yaml").is_file():
+            return path
+        embedded = EMBEDDED.get(str(name_or_path))
+        if embedded is not None:
+            return embedded
+        if path.is_dir():
+            return path
     hint = did_you_mean(name_or_path, EMBEDDED) or "check the path"
     raise DatasetError(f"dataset = '{name_or_path}': neither a folder nor an embedded data set ({', '.join(EMBEDDED)}); {hint}")

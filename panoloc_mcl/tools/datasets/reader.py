@@ -14,6 +14,7 @@ from panoloc_mcl.robot.camera.files import camera_with_files, read_camera
 from panoloc_mcl.robot.camera.spec import AnyCamera, Camera
 from panoloc_mcl.robot.camera.unwrap import Unwrapper, geometry_of
 from panoloc_mcl.robot.errors import CameraError, ConfigError, DatasetError, ImageError
+from panoloc_mcl.robot.files import known_errors
 from panoloc_mcl.robot.images import image_size
 from panoloc_mcl.robot.references import References
 from panoloc_mcl.robot.settings.validation import StrictModel, read_yaml, validate
@@ -80,6 +81,15 @@ def read_dataset(path: str | Path) -> Dataset:
 def scan_dataset(path: Path) -> Scan:
     """Read as much of a data set as possible and collect the faults instead of raising them."""
     scan = Scan()
+    try:
+        with known_errors(DatasetError, path):
+            _scan(path, scan)
+    except DatasetError as error:
+        scan.faults.extend(error.faults)
+    return scan
+
+
+def _scan(path: Path, scan: Scan) -> Scan:
     if not path.is_dir():
         scan.faults.append(f"{path}: no such folder; name a data set folder (one that holds dataset.yaml)")
         return scan
@@ -125,7 +135,7 @@ def _read_references(
     if not folder.is_dir():
         faults.append(f"{folder}: no such folder; add the reference images and their poses.csv")
         return None
-    table = read_image_table(folder / "poses.csv", ("x", "y", "theta"), None, faults)
+    table = read_image_table(folder / "poses.csv", ("x", "y", "theta"), None, faults, folder.parent)
     seen_by = _folder_camera(folder, camera, faults)
     size = _common_size(folder, table.files, faults) if table is not None else None
     if table is None or seen_by is None or size is None or not _fits(folder, seen_by, size, shared, faults):
@@ -141,7 +151,7 @@ def _read_sequence(
     faults: list[str],
 ) -> Sequence | None:
     before = len(faults)
-    table = read_image_table(folder / "frames.csv", ("timestamp",), "timestamp", faults)
+    table = read_image_table(folder / "frames.csv", ("timestamp",), "timestamp", faults, folder.parents[1])
     odometry = _read_trajectory(folder / "odometry.tum", faults)
     groundtruth = _read_trajectory(folder / "groundtruth.tum", faults)
     seen_by = _folder_camera(folder, camera, faults)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -33,7 +34,9 @@ class ImageTable:
     numbers: NDArray[np.float64]
 
 
-def read_image_table(path: Path, columns: tuple[str, ...], rising: str | None, faults: list[str]) -> ImageTable | None:
+def read_image_table(
+    path: Path, columns: tuple[str, ...], rising: str | None, faults: list[str], root: Path | None = None
+) -> ImageTable | None:
     """Read a CSV file with a column ``file`` and columns of numbers, in any order.
 
     Parameters
@@ -45,7 +48,9 @@ def read_image_table(path: Path, columns: tuple[str, ...], rising: str | None, f
         A column that must strictly increase.
     faults : list of str
         Gets a line for every fault: missing file or column, unknown column, values that are no finite numbers, images that
-        do not exist or are named twice, values that do not increase.
+        do not exist, are named twice or lie elsewhere, values that do not increase.
+    root : Path, optional
+        Folder that the images must lie in; that of the table if left out.
 
     Returns
     -------
@@ -57,11 +62,17 @@ def read_image_table(path: Path, columns: tuple[str, ...], rising: str | None, f
     except FileNotFoundError:
         faults.append(f"{path}: no such file; add it with the columns {', '.join(('file', *columns))}")
         return None
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, ValueError) as error:
         faults.append(f"{path}: cannot be read ({error}); check permissions and encoding (UTF-8)")
         return None
-    reader = csv.reader(io.StringIO(text), skipinitialspace=True)
-    header = [name.strip() for name in next(reader, [])]
+    # Strict, as an open quote would swallow the rest of the file without a word.
+    reader = csv.reader(io.StringIO(text), skipinitialspace=True, strict=True)
+    try:
+        lines = [(reader.line_num, fields) for fields in reader]
+    except csv.Error as error:
+        faults.append(f"{path}:{reader.line_num}: not valid CSV ({error}); close the quotes")
+        return None
+    header = [name.strip() for name in (lines.pop(0)[1] if lines else [])]
     found = _header_faults(path, header, ("file", *columns))
     if found:
         faults.extend(found)
@@ -71,8 +82,8 @@ def read_image_table(path: Path, columns: tuple[str, ...], rising: str | None, f
     numbers: list[list[float]] = []
     first_line: dict[str, int] = {}
     last = -math.inf
-    for fields in reader:
-        where = f"{path}:{reader.line_num}"
+    for line, fields in lines:
+        where = f"{path}:{line}"
         if not any(value.strip() for value in fields):
             continue
         if len(fields) != len(header):
@@ -80,7 +91,7 @@ def read_image_table(path: Path, columns: tuple[str, ...], rising: str | None, f
             continue
         row = [_number(fields[place[name]], name, where, found) for name in columns]
         name = fields[place["file"]].strip()
-        _check_file(path.parent, name, where, first_line, reader.line_num, found)
+        _check_file(path.parent, root or path.parent, name, where, first_line, line, found)
         files.append(path.parent / name)
         numbers.append(row)
         if rising is not None and math.isfinite(value := row[columns.index(rising)]):
@@ -130,12 +141,29 @@ def _number(text: str, name: str, where: str, faults: list[str]) -> float:
     return value
 
 
-def _check_file(folder: Path, name: str, where: str, first_line: dict[str, int], line: int, faults: list[str]) -> None:
+def _check_file(
+    folder: Path, root: Path, name: str, where: str, first_line: dict[str, int], line: int, faults: list[str]
+) -> None:
     key = str(PurePosixPath(name))
     if not name:
         faults.append(f"{where}: file is empty; name the image")
     elif key in first_line:
         faults.append(f"{where}: file {name} is already in line {first_line[key]}; keep one of the two rows")
-    elif not (folder / name).is_file():
+    elif not is_inside(folder / name, root):
+        faults.append(f"{where}: file {name}: leads out of {root}; copy the image into the data set")
+    elif not _is_file(folder / name):
         faults.append(f"{where}: file {name}: no such file in {folder}; add the image, or drop this row")
     first_line.setdefault(key, line)
+
+
+def is_inside(path: Path, root: Path) -> bool:
+    """Whether a path, as it is written, stays below a folder; links that the user made may lead anywhere."""
+    return Path(os.path.abspath(path)).is_relative_to(os.path.abspath(root))  # noqa: PTH100 resolve() would follow links
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:
+        # A name that is too long for any file, or a folder that may not be looked into.
+        return False

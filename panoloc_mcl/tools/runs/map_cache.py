@@ -9,7 +9,7 @@ import warnings
 
 from panoloc_mcl.robot.camera import to_mapping
 from panoloc_mcl.robot.errors import MapError, OutputError
-from panoloc_mcl.robot.files import cache_folder
+from panoloc_mcl.robot.files import cache_folder, known_errors
 from panoloc_mcl.robot.images import image_bytes
 from panoloc_mcl.robot.map.panorama_map import FORMAT, PanoramaMap
 from panoloc_mcl.robot.observation import build_settings, model_named
@@ -34,11 +34,13 @@ def cached_map(dataset: Dataset, observation: ObservationSettings, seed: int, pr
     # The name only helps people; it is free text and must not lead out of the folder.
     readable = re.sub(r"[^A-Za-z0-9_-]+", "_", dataset.name)[:40]
     path = cache_folder() / "maps" / f"{readable}-{_key(dataset, observation, seed)}.panomap"
-    if path.is_file():
-        try:
+    try:
+        with known_errors(MapError, path):
+            kept = path.is_file()
+        if kept:
             return PanoramaMap.load(path)
-        except MapError as error:
-            warnings.warn(f"cached map left aside: {error}", RuntimeWarning, stacklevel=2)
+    except MapError as error:
+        warnings.warn(f"cached map left aside: {error}", RuntimeWarning, stacklevel=2)
     built = PanoramaMap.build(dataset, observation, seed, progress)
     try:
         built.save(path)

@@ -296,9 +296,14 @@ def run_info(config: RunConfig, dataset: Dataset, command: Sequence[str]) -> dic
         "command": list(command),
         "started": datetime.now().isoformat(timespec="seconds"),
         "machine": {"system": platform.system(), "processor": platform.machine(), "cores": os.cpu_count()},
-        "threads": int(os.environ.get("NUMBA_NUM_THREADS", os.cpu_count() or 1)),
+        "threads": _threads(),
         "versions": {"python": platform.python_version()} | {name: _version(name) for name in _REPORTED},
     }
+
+
+def _threads() -> int:
+    asked = os.environ.get("NUMBA_NUM_THREADS", "")
+    return int(asked) if asked.isdigit() else os.cpu_count() or 1
 
 
 _REPORTED = ("panoloc-mcl", "numpy", "scipy", "numba", "opencv-python-headless")
