@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -154,11 +155,14 @@ class Localizer(SavedState):
         stage_ms: dict[str, float] = {}
         self._images += 1
         timestamp = seconds(timestamp) + self._stamp_offset_s
+        self._follow_odometry()
+        set_back = self._clock.set_back(timestamp + self._clock.offset_s)
+        timestamp += self._clock.offset_s
         problem = self._clock.problem(timestamp)
         if problem:
             self.images_skipped += 1
             self._sightings.left_out(problem.reason)
-            return self._estimate([problem], None, stage_ms)
+            return self._estimate([set_back, problem], None, stage_ms)
         note = self._follow_clock(timestamp)
         motion, offset = self._motion_to(timestamp)
         if not self._gate_opens(motion if offset is None else offset):
@@ -174,7 +178,7 @@ class Localizer(SavedState):
                 self._filter.update(votes, offset)
             self._clock.fuse(timestamp)
             self._forced = False
-            return self._estimate([note, found], votes, stage_ms)
+            return self._estimate([set_back, note, found], votes, stage_ms)
 
     @property
     def particles(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -199,6 +203,13 @@ class Localizer(SavedState):
         unknown = self.settings.motion.clock_jump_s
         self._filter.propagate(blind(Motion(np.zeros(3), duration_s=unknown), unknown, self.settings.motion))
         return Finding(f"image stamps jumped by {jump:+.3f} s; going on from there", Reason.CLOCK_JUMPED)
+
+    def _follow_odometry(self) -> None:
+        """Keep pose and belief, by the new time, where odometry's clock was set back."""
+        back = self._clock.follow_odometry()
+        if back and self._anchor is not None:
+            anchor, status = self._anchor
+            self._anchor = replace(anchor, timestamp=anchor.timestamp - back), status
 
     def _motion_to(self, timestamp: float) -> tuple[Motion, Motion | None]:
         """Motion of the belief up to an image; for a late one none, but the way back from the belief's time to the image's."""
@@ -246,7 +257,7 @@ class Localizer(SavedState):
         self._has_fix |= status is Status.CONVERGED
         if now is not None:
             self._anchor = Anchor(now, of_camera.clusters[0].pose, of_camera.clusters[0].covariance), status
-        found = [finding for finding in (*findings, self._news_of_odometry(), doubt) if finding]
+        found = [finding for finding in (*findings, *self._news_of_odometry(), doubt) if finding]
         reasons = dict.fromkeys(finding.reason for finding in found if finding.reason is not None)
         return Estimate(
             timestamp=math.nan if now is None else now,
@@ -260,20 +271,20 @@ class Localizer(SavedState):
             reasons=tuple(reasons),
         )
 
-    def _news_of_odometry(self) -> Finding:
+    def _news_of_odometry(self) -> Iterator[Finding]:
         """What odometry was left out since the last answer, and what else befell it."""
-        parts, counts = [], {}
-        for reason, count in dict(self._odometry.rejected).items():
-            counts[reason] = count
-            new = count - self._reported.get(reason, 0)
+        before, self._reported = self._reported, dict(self._odometry.rejected) | dict(self._odometry.events)
+        for reason in dict(self._odometry.rejected):
+            new = self._reported.get(reason, 0) - before.get(reason, 0)
             if new:
-                parts.append(f"{new} odometry measurement{'s' if new > 1 else ''} left out ({reason})")
-        for event, count in dict(self._odometry.events).items():
-            counts[event] = count
-            if count > self._reported.get(event, 0):
-                parts.append(f"odometry: {event}")
-        self._reported = counts
-        return Finding(", ".join(parts), Reason.ODOMETRY_LEFT_OUT)
+                yield Finding(
+                    f"{new} odometry measurement{'s' if new > 1 else ''} left out ({reason})", Reason.ODOMETRY_LEFT_OUT
+                )
+        for event in dict(self._odometry.events):
+            if self._reported.get(event, 0) > before.get(event, 0):
+                back, looped = "set back" in event, "again" in event
+                kind = Reason.CLOCK_SET_BACK if back else Reason.STREAM_LOOPED if looped else Reason.CLOCK_JUMPED
+                yield Finding(f"odometry: {event}", None if "origin" in event else kind)
 
 
 @contextmanager

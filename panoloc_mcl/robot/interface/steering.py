@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -42,6 +43,8 @@ class Steering(Parts):
         if self._anchor is None:
             return None
         anchor, status = self._anchor
+        if self._clock.owed_s:
+            anchor = replace(anchor, timestamp=anchor.timestamp - self._clock.owed_s)
         timestamp = max(self._odometry.newest, anchor.timestamp) if timestamp is None else seconds(timestamp)
         pose, covariance = carried_to(anchor, self._odometry, timestamp)
         if self._mount.offset.any():

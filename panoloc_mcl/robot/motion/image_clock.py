@@ -12,6 +12,11 @@ from panoloc_mcl.robot.motion.odometry import OdometryBuffer
 from panoloc_mcl.robot.reasons import Finding, Reason
 from panoloc_mcl.robot.settings.localizer import MotionSettings
 
+# Images come so many times their usual distance late at the most, and no farther apart than this, seconds.
+_LATE_STEPS, _SPARSEST_S = 2.0, 120.0
+# So many images in a row that come more than this late are no coincidence, seconds.
+_LATE_IN_ROW, _BEHIND_S = 3, 1.0
+
 
 class ImageClock:
     """The times of the images that were fused, and the time that the belief stands at.
@@ -29,6 +34,8 @@ class ImageClock:
     ----------
     now : float or None
         Time of the belief, seconds; None before the first image.
+    offset_s : float
+        Added to stamps of images since their clock was set back and odometry's was not, seconds.
     """
 
     def __init__(self, settings: MotionSettings, odometry: OdometryBuffer) -> None:
@@ -40,6 +47,13 @@ class ImageClock:
         self._suspect: float | None = None
         # The next image follows on a pause of unknown length.
         self._paused = False
+        # What is known of odometry's clock: it went back by so much, and its recording began again so often.
+        self._set_back_s, self._restarts = odometry.set_back_s, odometry.restarts
+        # The last time between two images, seconds: without odometry it says when the next one is due.
+        self._step = 0.0
+        self.offset_s = 0.0
+        # Stamps of images in a row that came late, each later than the one before.
+        self._late: list[float] = []
 
     def start_at(self, timestamp: float | None) -> None:
         """The belief begins anew at a time, seconds; None if that is not known."""
@@ -48,6 +62,44 @@ class ImageClock:
     def pause(self) -> None:
         """The program was stopped: the next image counts whatever its stamp; if that is not a little later, the clock jumped."""
         self._paused, self._fused, self._suspect = self.now is not None, [], None
+
+    def follow_odometry(self) -> float:
+        """Go back with odometry's clock if it was set back; returns by how much, seconds. Begin anew if its recording did."""
+        back, self._set_back_s = self.owed_s, self._odometry.set_back_s
+        if back and self.now is not None:
+            self.now, self._fused = self.now - back, [time - back for time in self._fused]
+            self.offset_s = self.offset_s - back if self.offset_s > _BEHIND_S else 0.0
+        if self._restarts != self._odometry.restarts:
+            self._restarts = self._odometry.restarts
+            self.pause()
+        return back
+
+    @property
+    def owed_s(self) -> float:
+        """By how much odometry's clock was set back that this one did not follow yet, seconds."""
+        return self._odometry.set_back_s - self._set_back_s
+
+    def set_back(self, timestamp: float) -> Finding:
+        """Whether this image is one of several in a row that all come late: then their clock was set back, and is followed.
+
+        With odometry the stamps are brought to its clock, which went on, by adding `offset_s`; without, time goes on from here.
+        """
+        if self.now is None or self._paused or not math.isfinite(timestamp) or timestamp >= self.now - _BEHIND_S:
+            self._late = []
+            return Finding()
+        follows = bool(self._late) and 0.0 < timestamp - self._late[-1] <= self._settings.clock_jump_s
+        self._late = [*self._late, timestamp] if follows else [timestamp]
+        if len(self._late) < _LATE_IN_ROW or self._late_from() > timestamp:
+            return Finding()
+        by = self.now - timestamp + (self._late[-1] - self._late[-2])
+        self._late, self._fused = [], []
+        if len(self._odometry):
+            self.offset_s += by
+            told = f"image stamps were set back by {by:.1f} s and odometry's were not; so much is added to them"
+        else:
+            self.now = timestamp - 1e-6
+            told = f"image stamps were set back by {by:.1f} s; going on from there"
+        return Finding(told, Reason.CLOCK_SET_BACK)
 
     def problem(self, timestamp: float) -> Finding:
         """Why the time stamp of an image cannot be used; empty when it can."""
@@ -79,6 +131,10 @@ class ImageClock:
         if self.now is None or self._late_from() <= timestamp <= self._ahead_to():
             self._suspect = None
             return None
+        if self._is_sparse(timestamp):
+            # No jump: images are far between, and what happened between them is as unknown as their distance in time says.
+            self._suspect = None
+            return None
         return self._jumped(timestamp)
 
     def _jumped(self, timestamp: float) -> float:
@@ -98,6 +154,7 @@ class ImageClock:
     def fuse(self, timestamp: float) -> None:
         """An image was taken into the belief, which stands at its time unless it was late."""
         if not self.is_late(timestamp):
+            self._step = 0.0 if self.now is None else timestamp - self.now
             self.now = timestamp
         bisect.insort(self._fused, timestamp)
         while self._fused and self._fused[0] < self._late_from():
@@ -113,20 +170,45 @@ class ImageClock:
     def _ahead_to(self) -> float:
         """The latest time that an image can have if the clock has not jumped."""
         assert self.now is not None
-        return max(self._odometry.newest, self.now) + self._settings.clock_jump_s
+        return max(self._odometry.newest + self._settings.clock_jump_s, self.now + self._usual_gap)
+
+    @property
+    def _usual_gap(self) -> float:
+        """How long after an image the next one may come without odometry in between, seconds."""
+        return max(self._settings.clock_jump_s, _LATE_STEPS * self._step)
 
     def _agrees(self, timestamp: float) -> bool:
         """Whether an image that lies far from all others follows on the one before it, which did, too."""
-        return self._suspect is not None and 0.0 < timestamp - self._suspect <= self._settings.clock_jump_s
+        if self._suspect is None or self.now is None:
+            return False
+        return 0.0 < timestamp - self._suspect <= self._settings.clock_jump_s or self._is_sparse(timestamp)
+
+    def _is_sparse(self, timestamp: float) -> bool:
+        """Without odometry: whether three images in a row came about as far apart, so that this is how often they come."""
+        if self._suspect is None or self.now is None or len(self._odometry):
+            return False
+        first, second = self._suspect - self.now, timestamp - self._suspect
+        return 0.0 < first < _SPARSEST_S and max(first, second) <= _LATE_STEPS * min(first, second)
 
     def snapshot(self) -> dict[str, Any]:
         """All that is remembered, as plain values."""
-        return {"now": self.now, "fused": self._fused, "suspect": self._suspect, "paused": self._paused}
+        return {
+            "now": self.now,
+            "fused": self._fused,
+            "suspect": self._suspect,
+            "paused": self._paused,
+            "step": self._step,
+            "offset_s": self.offset_s,
+            "late": self._late,
+        }
 
     def restore(self, values: Mapping[str, Any]) -> None:
         """Take over what `snapshot` gave; KeyError or TypeError, and nothing changed, if that does not fit."""
         now, suspect = (None if values[name] is None else float(values[name]) for name in ("now", "suspect"))
         self._fused, self._paused = [float(time) for time in values["fused"]], bool(values["paused"])
+        self._step, self.offset_s = float(values.get("step", 0.0)), float(values.get("offset_s", 0.0))
+        self._late = [float(time) for time in values.get("late", ())]
+        self._set_back_s, self._restarts = self._odometry.set_back_s, self._odometry.restarts
         self.now, self._suspect = now, suspect
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.robot.geometry import angle_difference, between, compose, interpolate, inverse, wrap_angle
 from panoloc_mcl.robot.locks import Lock, locked
+from panoloc_mcl.robot.motion.backward import BEHIND_S, BackwardWatch, Verdict
 from panoloc_mcl.robot.motion.measured import is_possible, planar_pose, unit_of
 from panoloc_mcl.robot.motion.models import NOISE_MODELS, Motion, blind, grown, taken_apart
 from panoloc_mcl.robot.settings.localizer import MotionSettings
@@ -35,6 +36,13 @@ class OdometryBuffer:
     Parameters
     ----------
     settings : MotionSettings
+
+    Attributes
+    ----------
+    set_back_s : float
+        By how much its clock was set back altogether, seconds: times that were noted before are by so much too late.
+    restarts : int
+        How often the recording that it comes from began again.
     """
 
     def __init__(self, settings: MotionSettings) -> None:
@@ -42,6 +50,8 @@ class OdometryBuffer:
         self.rejected: dict[str, int] = {}
         self.events: dict[str, int] = {}
         self.taken = 0
+        self.set_back_s, self.restarts = 0.0, 0
+        self._backward = BackwardWatch()
         self._lock = Lock()
         self._times: list[float] = []
         self._poses: list[Float64] = []
@@ -96,6 +106,8 @@ class OdometryBuffer:
         if self._times and not self._clock_fits(timestamp, raw):
             return False
         pose = raw if self._origin is None else compose(self._origin, raw)
+        if not self._in_order(timestamp, pose):
+            return False
         position = bisect.bisect_left(self._times, timestamp)
         if position < len(self._times) and self._times[position] == timestamp:
             return self._reject("duplicated time stamp")
@@ -115,6 +127,39 @@ class OdometryBuffer:
         while len(self._times) > 2 and self._times[1] < oldest:
             del self._times[0], self._poses[0], self._extras[0], self._lengths[0]
         return True if timestamp >= self._times[0] else self._reject("older than what is kept")
+
+    def _in_order(self, timestamp: float, pose: Float64) -> bool:
+        """Whether a measurement can be put in at its time; if the clock was set back, the buffer follows it first."""
+        least = 0.0 if self._backward.held else BEHIND_S
+        if not self._times or timestamp >= self._times[-1] - least or timestamp < self._times[0]:
+            for _ in range(self._backward.came(timestamp, pose)):
+                self._reject("behind, and off the way that is known")
+            return True
+        verdict = self._backward.judge(timestamp, pose, self._pose_at)
+        if verdict is Verdict.SUSPECT:
+            return False
+        if verdict is Verdict.LOOPED:
+            self.clear()
+            self.restarts += 1
+            self._happened("the recording began again")
+        elif verdict is Verdict.SET_BACK:
+            held, self._backward.held = self._backward.held[:-1], []
+            # One step from the last pose by the old clock to the first by the new one.
+            self._set_back(self._times[-1] - held[0][0] + (held[1][0] - held[0][0]))
+            for time, earlier in held:
+                self._times.append(time)
+                self._poses.append(earlier)
+                self._extras.append((None, None))
+            self._measure(0)
+        return True
+
+    def _set_back(self, seconds: float) -> None:
+        self._times = [time - seconds for time in self._times]
+        self.set_back_s += seconds
+        self._happened(f"its clock was set back by {seconds:.1f} s")
+
+    def _happened(self, event: str) -> None:
+        self.events[event] = self.events.get(event, 0) + 1
 
     def _measure(self, position: int) -> None:
         """Sum up ways and turns anew from a measurement on."""
@@ -143,7 +188,7 @@ class OdometryBuffer:
             self.clear()
             self._times, self._poses = [before[0]], [before[1] if self._origin is None else compose(self._origin, before[1])]
             self._extras, self._lengths = [(None, None)], [(0.0, 0.0)]
-            self.events["its clock jumped"] = self.events.get("its clock jumped", 0) + 1
+            self._happened("its clock jumped")
             return True
         self._suspect = (timestamp, raw)
         return self._reject(
@@ -176,7 +221,7 @@ class OdometryBuffer:
             return False
         # The robot is taken to have stood from the last pose to the first one in the new frame.
         self._origin = compose(self._poses[-1], inverse(suspect[1]))
-        self.events["it began from a new origin"] = self.events.get("it began from a new origin", 0) + 1
+        self._happened("it began from a new origin")
         return True
 
     def _reject(self, reason: str) -> bool:
@@ -270,7 +315,8 @@ class OdometryBuffer:
         for part, name in enumerate(("velocities", "covariances")):
             some = [extras[part] if extras[part] is not None else nothing[part] for extras in self._extras]
             arrays[name] = np.array(some).reshape(-1, *nothing[part].shape)
-        return arrays, {"rejected": self.rejected, "events": self.events, "taken": self.taken}
+        clock = {"set_back_s": self.set_back_s, "restarts": self.restarts}
+        return arrays, {"rejected": self.rejected, "events": self.events, "taken": self.taken, **clock}
 
     @locked
     def restore(self, arrays: dict[str, Float64], header: dict[str, Any]) -> None:
@@ -294,6 +340,7 @@ class OdometryBuffer:
         suspect = arrays.get("suspect")
         self._suspect = None if suspect is None else (float(suspect[0]), suspect[1:])
         self.rejected, self.events, self.taken = dict(header["rejected"]), dict(header["events"]), int(header["taken"])
+        self.set_back_s, self.restarts = float(header.get("set_back_s", 0.0)), int(header.get("restarts", 0))
 
 
 def _usable(values: Float64 | None, shape: tuple[int, ...]) -> Float64 | None:

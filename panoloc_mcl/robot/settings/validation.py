@@ -87,6 +87,12 @@ _UniqueKeyLoader.add_implicit_resolver(
 _UniqueKeyLoader.add_constructor("tag:yaml.org,2002:int", _whole_number)
 
 
+class _Dumper(yaml.SafeDumper):
+    """Puts in quotes what the loader above would read as something else than text."""
+
+    yaml_implicit_resolvers = _UniqueKeyLoader.yaml_implicit_resolvers
+
+
 def _check_size(text: str) -> None:
     """Refuse what would take the time or the memory of the machine, before anything is made of it.
 
@@ -186,7 +192,8 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
 def dump_yaml(data: Mapping[str, Any]) -> str:
     """YAML text of plain data, keys in the given order."""
-    return yaml.safe_dump(dict(data), sort_keys=False, allow_unicode=True, width=120)
+    text: str = yaml.dump(dict(data), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120)
+    return text
 
 
 def validate(model: type[Model], data: Mapping[str, Any], source: str | SourceOf) -> Model:
