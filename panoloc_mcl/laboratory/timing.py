@@ -82,3 +82,9 @@ def template_matching(image: NDArray[Any], references: NDArray[np.uint8]) -> Cal
     grey = np.clip(image, 0, 255).astype(np.uint8)
     wrapped = np.hstack([grey, grey[:, :-1]])
     return lambda: [cv2.matchTemplate(wrapped, reference, cv2.TM_CCOEFF_NORMED) for reference in references]
+
+
+def matrix_product(size: int = 1024) -> tuple[Callable[[], object], float]:
+    """What the machine can do: a product of float32 matrices, and how many operations it takes."""
+    square = np.random.default_rng(0).standard_normal((size, size)).astype(np.float32)
+    return lambda: square @ square, 2.0 * size**3

@@ -1,5 +1,6 @@
 import json
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -44,3 +45,12 @@ def ask(own_cache, capsys):
         return Answer(code, json.loads(said.out) if said.out else None, said.err)
 
     return call
+
+
+@pytest.fixture(scope="session")
+def hall():
+    """The larger data set, where it is at hand."""
+    path = Path(__file__).parents[3] / "shared" / "data" / "hall"
+    if not path.is_dir():
+        pytest.skip("needs the data set hall beside the project")
+    return path

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -38,22 +37,18 @@ class Reporting:
     execute: Callable[[argparse.Namespace], Report]
 
 
-def family(name: str, summary: str, package: str, members: Sequence[str]) -> Command:
+def family(name: str, summary: str, members: Sequence[Reporting]) -> Command:
     """The command that has other commands under it.
 
     Parameters
     ----------
     name, summary : str
-    package : str
-        Where the modules of the members are.
-    members : sequence of str
-        Modules, each with a ``COMMAND`` that is a `Reporting`.
+    members : sequence of Reporting
     """
 
     def add_arguments(parser: argparse.ArgumentParser) -> None:
         below = parser.add_subparsers(title=f"what to {name}", metavar="NAME", required=True)
-        for module in members:
-            member: Reporting = importlib.import_module(f"{package}.{module}").COMMAND
+        for member in members:
             text = f"{member.summary[:1].upper()}{member.summary[1:]}."
             sub = below.add_parser(member.name, help=member.summary, description=text, allow_abbrev=False)
             member.add_arguments(sub)

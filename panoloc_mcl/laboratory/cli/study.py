@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from panoloc_mcl.laboratory.cli.reporting import family
+import importlib
+
+from panoloc_mcl.laboratory.cli.reporting import Reporting, family
 
 #: One line a study: a module of `cli/studies` with its arguments in a ``COMMAND``; the work is in `laboratory/studies`.
 STUDIES = (
@@ -13,4 +15,6 @@ STUDIES = (
     "poses",
 )
 
-COMMAND = family("study", "ask how well it localizes, when, and why", "panoloc_mcl.laboratory.cli.studies", STUDIES)
+_MEMBERS: list[Reporting] = [importlib.import_module(f"panoloc_mcl.laboratory.cli.studies.{name}").COMMAND for name in STUDIES]
+
+COMMAND = family("study", "ask how well it localizes, when, and why", _MEMBERS)

@@ -48,7 +48,7 @@ def render_summary(
         f"{f', {failed} cells failed' if failed else ''}. panoloc-mcl {__version__}, NumPy {version('numpy')}, "
         f"Python {platform.python_version()}.",
         "",
-        "Rates are over runs (recognition: over images within 0.15 m of a place), with Wilson 95 % intervals. Errors are those after "
+        "Rates are over runs (recognition: over images within 0.15 m of a place), 95 % intervals over drives. Errors are those after "
         "convergence, pooled over all images; within: of all images.",
         "",
     ]
@@ -220,7 +220,7 @@ def _difference(entry: Difference | None) -> str:
 
 
 def rate(part: Mapping[str, Any]) -> str:
-    """A rate with its Wilson interval, per cent."""
+    """A rate with its interval, per cent."""
     if part["rate"] is None:
         return BLANK
     return f"{percent(part['rate'])} ({interval(part['wilson95'])})"

@@ -23,6 +23,8 @@ _COMMANDS = (
     "tools.cli.build_map",
     "laboratory.cli.compare",
     "laboratory.cli.study",
+    "laboratory.cli.reproduce",
+    "laboratory.cli.benchmark",
     "tools.cli.evaluate",
     "tools.cli.inspect",
     "tools.cli.plot",

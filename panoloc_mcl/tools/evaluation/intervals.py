@@ -54,18 +54,21 @@ def interval95_over_drives(hits: Sequence[int], trials: Sequence[int]) -> tuple[
     Returns
     -------
     (low, high) : tuple of float, or None
-        By bootstrap over drives (SciPy, percentiles). Where drives are fewer than 5, or all have the same rate, resampling them shows
-        no spread: then Wilson's interval with each drive as one trial. None without trials.
+        Wilson's, each drive one trial, where every drive is all or nothing. Else by bootstrap over drives (SciPy, percentiles), or,
+        where there are fewer than 5 or all have the same rate, which resampling cannot see beyond, from Wilson's low end of the next
+        lower number of whole drives to the high end of the next higher. None without trials.
     """
     known = [(hit, trial) for hit, trial in zip(hits, trials, strict=True) if trial]
     if not known:
         return None
     mine, of = (np.array(column, dtype=np.float64) for column in zip(*known, strict=True))
     shares = mine / of
-    if len(known) < _FEW_DRIVES or np.ptp(shares) == 0.0:
+    if len(known) < _FEW_DRIVES or np.ptp(shares) == 0.0 or set(shares.tolist()) <= {0.0, 1.0}:
         rate = float(mine.sum() / of.sum())
-        low, high = wilson95(round(rate * len(known)), len(known)) or (0.0, 1.0)
-        return min(low, rate), max(high, rate)
+        least, most = (
+            wilson95(int(drives), len(known)) or (0.0, 1.0) for drives in (np.floor(shares.sum()), np.ceil(shares.sum()))
+        )
+        return min(least[0], rate), max(most[1], rate)
     from scipy.stats import bootstrap
 
     found = bootstrap(

@@ -14,6 +14,9 @@ Definitions
   medians over runs (and over teleports for ``frames_to_recover``) one that never got there counts as later than all
   others; when that makes the median endless, it is None.
 * ``false_convergence`` counts runs, not frames. What it is, and what success, loss and recovery are, says ``events``.
+* Intervals of rates (``wilson95``) are over drives, whose images and runs err alike: Wilson's, each drive one trial, where every
+  drive is all or nothing; by bootstrap over drives where some are in between. A kidnap's trial is the teleport, of which every run
+  repeats the same. More runs over the same drives narrow none.
 * Figures that need truth look only at runs that have it. What does not apply is None.
 """
 
@@ -37,7 +40,7 @@ from panoloc_mcl.tools.evaluation.definitions import (
     is_within,
 )
 from panoloc_mcl.tools.evaluation.events import RunEvents, find_events
-from panoloc_mcl.tools.evaluation.intervals import wilson95
+from panoloc_mcl.tools.evaluation.intervals import interval95_over_drives
 from panoloc_mcl.tools.evaluation.record import SequenceRecord
 
 Metrics = dict[str, Any]
@@ -111,7 +114,7 @@ def _by(records: Iterable[SequenceRecord], attribute: str) -> dict[str, list[Seq
 
 
 def _figures(records: Sequence[SequenceRecord], places: FloatArray) -> Metrics:
-    events = [found for found in map(find_events, records) if found is not None]
+    events = [(record.name, found) for record in records if (found := find_events(record)) is not None]
     return {
         "frames": sum(len(record) for record in records),
         "runs": len(records),
@@ -120,7 +123,7 @@ def _figures(records: Sequence[SequenceRecord], places: FloatArray) -> Metrics:
         "global_success": _global_success(events),
         "false_convergence": _false_convergence(events),
         **_time_to_converge(records),
-        "tracks_lost": _tracks_lost(events),
+        "tracks_lost": _tracks_lost([found for _, found in events]),
         "kidnap": _kidnap(events),
         "step_ms": _step_ms(records),
     }
@@ -166,11 +169,9 @@ def _recognition(records: Sequence[SequenceRecord], places: FloatArray) -> Metri
     judged = [r for r in records if r.truth is not None and (r.best_place >= 0).any()] if len(places) else []
     if not judged:
         return {"passed": None, "recognised": None, "rate": None, "wilson95": None}
-    passed = recognised = 0
-    for record in judged:
-        p, r = _passes(record, places)
-        passed, recognised = passed + p, recognised + r
-    return {"passed": passed, "recognised": recognised, **_rate(recognised, passed)}
+    seen = [(record.name, *_passes(record, places)) for record in judged]
+    passed, recognised = sum(p for _, p, _ in seen), sum(r for _, _, r in seen)
+    return {"passed": passed, "recognised": recognised, **_rate((drive, r, p) for drive, p, r in seen)}
 
 
 def _passes(record: SequenceRecord, places: FloatArray) -> tuple[int, int]:
@@ -189,17 +190,17 @@ def _passes(record: SequenceRecord, places: FloatArray) -> tuple[int, int]:
     return int(passed.sum()), int(recognised.sum())
 
 
-def _global_success(events: Sequence[RunEvents]) -> Metrics:
+def _global_success(events: Sequence[tuple[str, RunEvents]]) -> Metrics:
     if not events:
         return {"runs": None, "succeeded": None, "rate": None, "wilson95": None}
-    succeeded = sum(run.succeeded for run in events)
-    return {"runs": len(events), "succeeded": succeeded, **_rate(succeeded, len(events))}
+    succeeded = sum(run.succeeded for _, run in events)
+    return {"runs": len(events), "succeeded": succeeded, **_rate((drive, run.succeeded, 1) for drive, run in events)}
 
 
-def _false_convergence(events: Sequence[RunEvents]) -> Metrics:
+def _false_convergence(events: Sequence[tuple[str, RunEvents]]) -> Metrics:
     if not events:
         return {"runs": None, "count": None, "rate": None}
-    count = sum(run.falsely_converged for run in events)
+    count = sum(run.falsely_converged for _, run in events)
     return {"runs": len(events), "count": count, "rate": count / len(events)}
 
 
@@ -218,15 +219,16 @@ def _tracks_lost(events: Sequence[RunEvents]) -> int | None:
     return sum(counts) if counts else None
 
 
-def _kidnap(events: Sequence[RunEvents]) -> Metrics:
-    frames = [entry for run in events for entry in run.frames_to_recover]
+def _kidnap(events: Sequence[tuple[str, RunEvents]]) -> Metrics:
+    teleports = [(f"{drive} {k}", entry) for drive, run in events for k, entry in enumerate(run.frames_to_recover)]
+    frames = [entry for _, entry in teleports]
     if not frames:
         return {"events": None, "recovered": None, "rate": None, "wilson95": None, "frames_to_recover_median": None}
     recovered = sum(entry is not None for entry in frames)
     return {
         "events": len(frames),
         "recovered": recovered,
-        **_rate(recovered, len(frames)),
+        **_rate((teleport, entry is not None, 1) for teleport, entry in teleports),
         "frames_to_recover_median": _median_with_never(frames),
     }
 
@@ -237,9 +239,15 @@ def _step_ms(records: Sequence[SequenceRecord]) -> Metrics:
     return {"median": _percentile(measured, 50), "p95": _percentile(measured, 95)}
 
 
-def _rate(successes: int, trials: int) -> Metrics:
-    interval = wilson95(successes, trials)
-    return {"rate": successes / trials if trials else None, "wilson95": None if interval is None else list(interval)}
+def _rate(outcomes: Iterable[tuple[str, int, int]]) -> Metrics:
+    """Rate and interval of successes of trials; those with the same name are no new ones."""
+    of: dict[str, tuple[int, int]] = {}
+    for name, hits, trials in outcomes:
+        before = of.get(name, (0, 0))
+        of[name] = before[0] + hits, before[1] + trials
+    successes, tried = (sum(column) for column in zip(*of.values(), strict=True)) if of else (0, 0)
+    interval = interval95_over_drives([hits for hits, _ in of.values()], [trials for _, trials in of.values()])
+    return {"rate": successes / tried if tried else None, "wilson95": None if interval is None else list(interval)}
 
 
 def _rms(values: FloatArray) -> float | None:

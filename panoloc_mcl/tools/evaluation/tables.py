@@ -155,7 +155,7 @@ def _share(label: str, outer: str, key: str) -> _Figure:
 
 
 def _wilson(outer: str) -> _Figure:
-    return _Figure("  Wilson 95 %", "%", lambda part: interval(part[outer]["wilson95"]))
+    return _Figure("  95 %, over drives", "%", lambda part: interval(part[outer]["wilson95"]))
 
 
 def _counts(label: str, outer: str, count: str, total: str) -> _Figure:

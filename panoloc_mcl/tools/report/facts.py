@@ -29,7 +29,7 @@ DEFINITIONS = (
     "Errors are unaligned and in the map frame, those after convergence from the first converged frame of a run on; a place "
     "is passed within 0.15 m of it; a run succeeds when it is converged within 0.5 m and 10° to the end or for 10 s.",
     "Sure but wrong: converged with an error above 1.0 m or 20°; lost: such an error for more than 3 s once localised; "
-    "recovered: back within 0.5 m and 10° for 10 s; p95: 95 % of the frames are at most that; intervals of rates: Wilson 95 %.",
+    "recovered: back within 0.5 m and 10° for 10 s; p95: 95 % of the frames are at most that; intervals of rates: 95 %, over drives.",
 )
 
 

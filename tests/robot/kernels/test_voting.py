@@ -4,6 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles import kernels as naive
 
+from panoloc_mcl.laboratory.benchmarks.plain_voting import vote_batched
 from panoloc_mcl.laboratory.peers.paper import in_both_orders, whitened
 from panoloc_mcl.robot.kernels import selection, voting
 
@@ -206,7 +207,7 @@ def test_batched_numpy_agrees_with_the_loop(dtype: type) -> None:
     }
     expected = naive.vote(**problem)
     for downdate in (False, True):
-        assert naive.vote_batched(**batched, downdate=downdate) == pytest.approx(expected, abs=1e-5)
+        assert vote_batched(**batched, downdate=downdate) == pytest.approx(expected, abs=1e-5)
 
 
 def test_no_more_votes_than_hypotheses(variant) -> None:

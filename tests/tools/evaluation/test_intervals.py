@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import stats  # noqa: F401  slow to import, which is no test's fault
 
 from panoloc_mcl.tools.evaluation.intervals import bootstrap95, interval95_over_drives, wilson95
 

@@ -14,7 +14,7 @@ def test_one_column_a_group_and_one_for_all(make_record):
     shown = cells(table)
     assert shown["Accuracy after convergence", "position, median"] == ("0.3000", "0.1234", "0.2117")
     assert shown["Recognition of places", "recognised/passed"] == ("2/2", "2/2", "4/4")
-    assert shown["Recognition of places", "Wilson 95 %"][0] == "34.2–100.0"
+    assert shown["Recognition of places", "95 %, over drives"][0] == "20.7–100.0"
 
 
 def test_a_single_group_needs_no_overall(make_record):
@@ -39,7 +39,7 @@ def test_paper_table_has_the_lights_that_were_run(make_record):
     assert shown["Noon", "recognised/passed"] == ("225/225", "2/2")
     assert shown["Evening", "recognised/passed"] == ("161/193", "2/2")
     assert shown["Evening", "rate"] == ("83.4", "100.0")
-    assert shown["Evening", "Wilson 95 %"][0] == "77.5–88.0"
+    assert shown["Evening", "95 %, over drives"][0] == "77.5–88.0"
     assert shown["Evening", "tracks lost"] == ("2", "0")
     assert ("Afternoon", "rate") not in shown
 
