@@ -6,7 +6,7 @@ from panoloc_mcl.tools.datasets.check import check_dataset
 from panoloc_mcl.tools.datasets.dataset import Dataset, Sequence
 from panoloc_mcl.tools.datasets.embedded import EMBEDDED, resolve_dataset
 from panoloc_mcl.tools.datasets.reader import read_dataset
-from panoloc_mcl.tools.datasets.trajectory import Trajectory, read_tum, write_tum
+from panoloc_mcl.tools.datasets.trajectory import Trajectory, read_tum, truth_at, write_tum
 from panoloc_mcl.tools.datasets.writer import DatasetWriter, copy_dataset
 
 __all__ = [
@@ -23,6 +23,7 @@ __all__ = [
     "read_image",
     "read_tum",
     "resolve_dataset",
+    "truth_at",
     "write_image",
     "write_tum",
 ]

@@ -18,6 +18,7 @@ FloatArray = NDArray[np.float64]
 _HEADER = "# timestamp tx ty tz qx qy qz qw"
 _UNIT_TOLERANCE = 1e-3
 _MOST_FAULTS = 20
+_HOLE_S, _SAME_TIME_S = 2.0, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +60,23 @@ class Trajectory:
     def at(self, times: ArrayLike) -> FloatArray:
         """Poses at given times (seconds, any shape), linear between rows; the ends hold outside. Shape (..., 3)."""
         return interpolate_at(self.times, self.poses, times)
+
+
+def truth_at(trajectory: Trajectory, times: FloatArray) -> FloatArray:
+    """True poses at the times (n,) of frames, (n, 3); not a number where none is known: outside the trajectory, and in its holes.
+
+    A hole is longer than two seconds and than five times the usual interval: a robot may do anything in it.
+    """
+    known_at = trajectory.times
+    poses = trajectory.at(times)
+    right = np.clip(np.searchsorted(known_at, times - _SAME_TIME_S), 0, len(known_at) - 1)
+    left = np.clip(right - 1, 0, None)
+    nearest = np.minimum(np.abs(known_at[right] - times), np.abs(known_at[left] - times))
+    inside = (times >= known_at[0]) & (times <= known_at[-1])
+    usual = float(np.median(np.diff(known_at))) if len(known_at) > 1 else 0.0
+    in_hole = known_at[right] - known_at[left] > max(_HOLE_S, 5.0 * usual)
+    poses[(~inside | in_hole) & (nearest > _SAME_TIME_S)] = np.nan
+    return poses
 
 
 def read_tum(path: Path) -> Trajectory:

@@ -53,7 +53,11 @@ class RunEvents:
 
 
 def find_events(record: SequenceRecord) -> RunEvents | None:
-    """Events of a run; None for a record without truth."""
+    """Events of a run, as far as its frames have truth; None if none has."""
+    judged = record.judged
+    if judged is None:
+        return None
+    record = judged
     position, heading = record.position_error_m, record.heading_error_deg
     if position is None or heading is None:
         return None

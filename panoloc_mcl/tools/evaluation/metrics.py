@@ -151,12 +151,12 @@ def _pooled_errors(records: Sequence[SequenceRecord]) -> tuple[FloatArray, Float
     """Position errors, heading errors and the mask "after convergence" of all frames with truth."""
     position, heading, after = [np.zeros(0)], [np.zeros(0)], [np.zeros(0, dtype=np.bool_)]
     for record in records:
-        p, h = record.position_error_m, record.heading_error_deg
+        p, h, known = record.position_error_m, record.heading_error_deg, record.has_truth
         if p is None or h is None:
             continue
-        position.append(p)
-        heading.append(h)
-        after.append(_after_convergence(record))
+        position.append(p[known])
+        heading.append(h[known])
+        after.append(_after_convergence(record)[known])
     return np.concatenate(position), np.concatenate(heading), np.concatenate(after)
 
 
@@ -178,7 +178,7 @@ def _passes(record: SequenceRecord, places: FloatArray) -> tuple[int, int]:
     from scipy.spatial import KDTree
 
     assert record.truth is not None
-    after = _after_convergence(record)
+    after = _after_convergence(record) & record.has_truth
     true_xy, reported = record.truth[after, :2], record.best_place[after]
     if not len(true_xy):
         return 0, 0

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,7 @@ class SequenceRecord:
     poses : ndarray of float64, shape (n, 3)
         Estimates ``(x, y, theta)`` in the map frame, metres and radians.
     truth : ndarray of float64, shape (n, 3), or None
-        True poses at the same stamps.
+        True poses at the same stamps; not a number in the rows of frames without. None where no frame has one.
     status : tuple of str, length n
         Each of searching, converged, ambiguous, lost, stale.
     best_place : ndarray of int64, shape (n,)
@@ -70,6 +71,28 @@ class SequenceRecord:
 
     def __len__(self) -> int:
         return len(self.times)
+
+    @property
+    def has_truth(self) -> NDArray[np.bool_]:
+        """Frames whose true pose is known, shape (n,)."""
+        return np.zeros(len(self), dtype=np.bool_) if self.truth is None else np.asarray(np.isfinite(self.truth).all(axis=1))
+
+    @property
+    def judged(self) -> SequenceRecord | None:
+        """The same with the frames alone whose true pose is known; None if there are none.
+
+        A teleport at a frame that is left out counts at the next.
+        """
+        known = self.has_truth
+        if known.all() or not known.any():
+            return self if known.any() else None
+        rows = np.flatnonzero(known)
+        before = np.concatenate([[0], np.cumsum(self.kidnapped)])[rows + 1]
+        arrays: dict[str, Any] = {
+            name: getattr(self, name)[known] for name in ("times", "poses", "truth", "best_place", "step_ms")
+        }
+        kidnapped = np.concatenate([[False], np.diff(before) > 0])
+        return replace(self, **arrays, status=tuple(self.status[row] for row in rows), kidnapped=kidnapped)
 
     @property
     def group(self) -> str:
@@ -123,6 +146,8 @@ class SequenceRecord:
             yield f"run = {self.run}; count runs from 0"
         for field in ("times", "poses", "truth"):
             value = getattr(self, field)
+            if field == "truth" and value is not None:
+                value = value[~np.isnan(value).all(axis=1)]
             if value is not None and not np.isfinite(value).all():
                 row = int(np.argwhere(~np.isfinite(value))[0][0])
                 yield f"{field}, frame {row}: {value[row]} is not finite; every frame needs numbers"

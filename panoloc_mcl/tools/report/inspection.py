@@ -154,8 +154,9 @@ def inspect_results(results: Results) -> Inspection:
     for record in results.records:
         if record.truth is None or not len(results.place_positions):
             continue
-        nearest = Places(results.place_positions).nearest(record.truth[:, :2])
-        taken.update((int(a), int(b)) for a, b in zip(nearest, record.best_place, strict=True) if a != b and b >= 0)
+        known = record.has_truth
+        nearest = Places(results.place_positions).nearest(record.truth[known, :2])
+        taken.update((int(a), int(b)) for a, b in zip(nearest, record.best_place[known], strict=True) if a != b and b >= 0)
     lines = [
         *facts(results.run_info),
         ("places", str(len(results.place_positions))),

@@ -133,7 +133,7 @@ def _bounds(recording: Recording, record: SequenceRecord) -> tuple[FloatArray, F
     """Of all that is shown on the map; particles outside are put on its edge."""
     drawn = [recording.places, record.poses[recording.rows, :2]]
     if record.truth is not None:
-        drawn.append(record.truth[:, :2])
+        drawn.append(record.truth[record.has_truth, :2])
     points = np.concatenate(drawn)
     return points.min(axis=0) - 1.5 * recording.spacing - 0.25, points.max(axis=0) + 1.5 * recording.spacing + 0.25
 
@@ -152,7 +152,7 @@ def _poses(poses: FloatArray) -> dict[str, list[float | None]]:
 
 
 def _largest(values: FloatArray | None, rows: NDArray[np.int64], decimals: int) -> list[float | None] | None:
-    return None if values is None else _numbers(np.maximum.reduceat(values, rows), decimals)
+    return None if values is None else _numbers(np.fmax.reduceat(values, rows), decimals)
 
 
 def _numbers(values: FloatArray, decimals: int) -> list[float | None]:

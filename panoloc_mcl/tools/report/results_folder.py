@@ -114,8 +114,9 @@ class ResultsWriter:
         folder = self.path / relative
         with _as_results_error():
             write_tum(folder / layout.TRAJECTORY, Trajectory(record.times, record.poses))
-            if record.truth is not None:
-                write_tum(folder / layout.GROUND_TRUTH, Trajectory(record.times, record.truth))
+            known = record.has_truth
+            if record.truth is not None and known.any():
+                write_tum(folder / layout.GROUND_TRUTH, Trajectory(record.times[known], record.truth[known]))
         self._write(f"{relative}/{layout.STEPS}", steps_text(record, steps))
         return read_run(folder, record.name, record.run)
 

@@ -99,15 +99,14 @@ def read_run(folder: Path, name: str, run: int) -> SequenceRecord:
     _check_stamps(folder / layout.TRAJECTORY, trajectory, steps.times)
     truth = None
     if (folder / layout.GROUND_TRUTH).exists():
-        truth = _read_tum(folder / layout.GROUND_TRUTH)
-        _check_stamps(folder / layout.GROUND_TRUTH, truth, steps.times)
+        truth = _truth(folder / layout.GROUND_TRUTH, steps.times)
     try:
         return SequenceRecord(
             name=name,
             run=run,
             times=trajectory.times,
             poses=trajectory.poses,
-            truth=None if truth is None else truth.poses,
+            truth=truth,
             status=steps.status,
             best_place=steps.best_place,
             step_ms=steps.step_ms,
@@ -199,6 +198,18 @@ def _read_tum(path: Path) -> Trajectory:
         return read_tum(path)
     except DatasetError as error:
         raise ResultsError(error.faults) from error
+
+
+def _truth(path: Path, times: FloatArray) -> FloatArray:
+    """True poses of the frames (n, 3): not a number where a frame has none."""
+    truth = _read_tum(path)
+    rows = np.searchsorted(times, truth.times - ROUNDING_S)
+    if rows[-1] >= len(times):
+        raise ResultsError(f"{path}: its last pose, of {truth.times[-1]:.9f}, belongs to no row of {layout.STEPS}; run again")
+    _check_stamps(path, truth, times[rows])
+    poses = np.full((len(times), 3), np.nan)
+    poses[rows] = truth.poses
+    return poses
 
 
 def _check_stamps(path: Path, trajectory: Trajectory, times: FloatArray) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from panoloc_mcl.robot.errors import DatasetError, ResultsError
-from panoloc_mcl.tools.datasets import read_tum
+from panoloc_mcl.tools.datasets import read_tum, truth_at
 from panoloc_mcl.tools.evaluation import SequenceRecord, evaluate
 
 _ROUNDING_S = 1e-6
@@ -51,7 +51,7 @@ def record_of_tum(estimate: Path, truth: Path) -> tuple[SequenceRecord, int]:
         run=0,
         times=times,
         poses=poses.poses[inside],
-        truth=true.at(times),
+        truth=truth_at(true, times),
         status=("converged",) * count,
         best_place=np.full(count, -1),
         step_ms=np.full(count, np.nan),

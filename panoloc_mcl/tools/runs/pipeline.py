@@ -21,7 +21,7 @@ from panoloc_mcl.robot.localizer import Localizer
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.observation import ObservationModel
 from panoloc_mcl.tools.config import RunConfig
-from panoloc_mcl.tools.datasets import Dataset, read_dataset, resolve_dataset
+from panoloc_mcl.tools.datasets import Dataset, read_dataset, resolve_dataset, truth_at
 from panoloc_mcl.tools.datasets import Sequence as Drive
 from panoloc_mcl.tools.datasets.splice import splice, teleports_of
 from panoloc_mcl.tools.evaluation import SequenceRecord, evaluate
@@ -188,7 +188,8 @@ def check_task(task: Task, panorama_map: PanoramaMap | None, config: RunConfig) 
         except CameraError as error:
             whose = f"map '{panorama_map.name}': does not fit the camera of {drive.path}"
             raise MapError(f"{whose}: {fault}" for fault in error.faults) from error
-    if drive.groundtruth is None and config.localizer.initial in ("known_heading", "known_pose"):
+    start = None if drive.groundtruth is None else truth_at(drive.groundtruth, drive.times[:1])
+    if (start is None or not np.isfinite(start).all()) and config.localizer.initial in ("known_heading", "known_pose"):
         raise ConfigError(
             f"localizer.initial = {config.localizer.initial}: sequence {drive.name} has no ground truth to start from; "
             "use uniform or a mapping x, y, heading_deg"
@@ -215,9 +216,10 @@ def localize(
         Images that could not be used.
     """
     drive, sink = task.drive, sink or NullSink()
+    truth = None if drive.groundtruth is None else truth_at(drive.groundtruth, drive.times)
     start_pose = None
-    if drive.groundtruth is not None:
-        x, y, heading = (float(value) for value in drive.groundtruth.at(drive.times[0]))
+    if truth is not None and np.isfinite(truth[0]).all():
+        x, y, heading = truth[0].tolist()
         start_pose = (x, y, heading)
     localizer = Localizer(
         panorama_map,
@@ -229,7 +231,6 @@ def localize(
         seed=(config.seed + repeat, zlib.crc32(drive.name.encode())),
         model=model,
     )
-    truth = None if drive.groundtruth is None else drive.groundtruth.at(drive.times)
     unwrapper = panorama_map.unwrapper(drive.camera, drive.image_size)
     frames: list[int] = []
     estimates: list[Estimate] = []
@@ -238,7 +239,7 @@ def localize(
     for image, estimate in answers(localizer, recorded(drive)):
         index = image.index
         estimate = replace(estimate, timestamp=image.timestamp)
-        shown = None if truth is None else truth[index]
+        shown = None if truth is None or not np.isfinite(truth[index]).all() else truth[index]
         sink.take(Frame(len(frames), index, drive.files[index], unwrapper, estimate, *localizer.particles, shown))
         frames.append(index)
         steps.append(step_row(estimate))

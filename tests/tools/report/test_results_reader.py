@@ -75,7 +75,7 @@ def test_newer_and_unknown_versions(finished, file, key):
             "trajectory.tum: 25 poses for 1 rows of steps.csv",
         ),
         ("noon_00/run_0/trajectory.tum", "1 2 3\n", "trajectory.tum:1"),
-        ("noon_00/run_0/groundtruth.tum", "1.0 0 0 0 0 0 0 1\n", "groundtruth.tum: 1 poses for 25 rows"),
+        ("noon_00/run_0/groundtruth.tum", "1.0 0 0 0 0 0 0 1\n", "groundtruth.tum: pose 0 is of 1.000000000"),
     ],
 )
 def test_damaged_files_are_named(finished, file, text, fault):

@@ -57,7 +57,7 @@ def draw_trajectory(record: SequenceRecord, place_positions: FloatArray) -> Figu
     converged = record.converged
     drawn = [place_positions, record.poses[converged, :2]]
     if record.truth is not None:
-        drawn.append(record.truth[:, :2])
+        drawn.append(record.truth[record.has_truth, :2])
     everything = np.concatenate(drawn)
     extent = np.ptp(everything if len(everything) else record.poses[:, :2], axis=0) + 0.5
     # Tall enough that the equal axes fill the width, within reason.
@@ -73,7 +73,8 @@ def draw_trajectory(record: SequenceRecord, place_positions: FloatArray) -> Figu
         axes.scatter(x, y, s=size, marker="+", color=PLACES, linewidths=0.7, label="places", rasterized=many)
     if record.truth is not None:
         axes.plot(*_split(record.truth[:, :2], record.kidnapped), color=INK, linewidth=1.0, label="truth")
-        axes.plot(*record.truth[0, :2], color=INK, marker="o", markersize=4.5, linestyle="none", label="start")
+        first = record.truth[record.has_truth][:1, :2]
+        axes.plot(*first.T, color=INK, marker="o", markersize=4.5, linestyle="none", label="start")
     if converged.any():
         estimate = np.where(converged[:, None], record.poses[:, :2], np.nan)
         line = _split(estimate, record.kidnapped)

@@ -74,7 +74,7 @@ class Shot:
         when = f"{record.name}, image {row + 1} of {len(record)}, {record.times[row] - record.times[0]:.1f} s"
         if record.kidnapped[row]:
             when += ": carried away"
-        if record.position_error_m is None or record.heading_error_deg is None:
+        if record.position_error_m is None or record.heading_error_deg is None or not record.has_truth[row]:
             return when, ""
         return when, f"off by {metres(record.position_error_m[row])}, {record.heading_error_deg[row]:.1f}°"
 
