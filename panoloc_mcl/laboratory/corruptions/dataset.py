@@ -64,7 +64,7 @@ def corrupt(
     if not draft.spare and len(draft.drives) > 1 and any(use.name == "along_drive" for use in recipe.uses):
         draft.spare[min(draft.drives)] = draft.drives.pop(min(draft.drives))
     for use in recipe.uses:
-        use.apply(draft, np.random.default_rng((seed, zlib.crc32(use.name.encode()))))
+        use.apply(draft, np.random.default_rng((seed, zlib.crc32(use.name.encode()))), recipe.told)
     for name, drive in draft.drives.items():
         left = recipe.frames(len(drive.shots), np.random.default_rng((seed, zlib.crc32(name.encode()))))
         drive.shots = [drive.shots[index] for index in left]
@@ -82,8 +82,8 @@ class _Pictures:
     def write(self, dataset: Dataset, path: Path) -> Path:
         draft = self._draft
         said = f"{dataset.description}; {self._recipe.text}, seed {self._seed}".removeprefix("; ")
-        writer = DatasetWriter(path, dataset.name, draft.camera, said, dataset.licence)
         references = draft.references
+        writer = DatasetWriter(path, dataset.name, references.camera, said, dataset.licence, poses_of=draft.poses_of)
         names = self._names(references, "ref_{:03d}", of_references=True)
         images = self._images(references, path / "references", names, of_references=True)
         writer.add_references(images, references.claimed, references.camera, names)

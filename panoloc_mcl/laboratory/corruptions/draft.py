@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.laboratory.corruptions.sight import Sight
-from panoloc_mcl.robot.camera.spec import AnyCamera, OmniCamera, PanoramaCamera
-from panoloc_mcl.robot.errors import CameraError, DatasetError
+from panoloc_mcl.robot.camera.spec import AnyCamera
+from panoloc_mcl.robot.errors import DatasetError
+from panoloc_mcl.robot.geometry import compose
 from panoloc_mcl.robot.images import ImageSource
 from panoloc_mcl.tools.datasets import Dataset
 from panoloc_mcl.tools.datasets.trajectory import Trajectory
@@ -89,10 +91,10 @@ class Folder:
     Parameters
     ----------
     shots : list of Shot
-    optics : PanoramaCamera or OmniCamera
+    optics : AnyCamera
         The camera as it truly is.
     size : (int, int)
-    camera : PanoramaCamera or OmniCamera
+    camera : AnyCamera
         As it will be claimed to be.
     claimed : float64 (n, 3)
         References: poses as they will be written.
@@ -103,9 +105,9 @@ class Folder:
     """
 
     shots: list[Shot]
-    optics: PanoramaCamera | OmniCamera
+    optics: AnyCamera
     size: tuple[int, int]
-    camera: PanoramaCamera | OmniCamera
+    camera: AnyCamera
     claimed: Float64 = field(default_factory=lambda: np.zeros((0, 3)))
     odometry: Trajectory | None = None
     groundtruth: Trajectory | None = None
@@ -123,14 +125,14 @@ class Draft:
         By name.
     spare : dict of str to Folder
         Drives that are not to be written.
-    camera : PanoramaCamera or OmniCamera
-        The data set's own.
+    poses_of : str
+        What the claimed poses of the references are of: ``base`` or ``camera``.
     """
 
     references: Folder
     drives: dict[str, Folder]
     spare: dict[str, Folder]
-    camera: PanoramaCamera | OmniCamera
+    poses_of: Literal["base", "camera"] = "base"
 
     @property
     def folders(self) -> list[Folder]:
@@ -141,47 +143,41 @@ class Draft:
         """Folders by a word: ``both``, ``references`` or ``drives``."""
         return {"both": self.folders, "references": [self.references], "drives": list(self.drives.values())}[where]
 
-    def change_cameras(self, change: Callable[[PanoramaCamera | OmniCamera], PanoramaCamera | OmniCamera]) -> None:
-        """Claim something else of every camera."""
-        self.camera = change(self.camera)
-        for folder in self.folders:
-            folder.camera = change(folder.camera)
-
 
 def draft_of(dataset: Dataset, wanted: Collection[str] | None = None) -> Draft:
     """A data set as it is, with the wanted drives; all if left out."""
     source = dataset.references
+    taken = source.poses if source.poses_of == "camera" else _of_camera(source.poses, source.camera)
     references = Folder(
-        [Shot(_own_file(file), pose) for file, pose in zip(source.files, source.poses, strict=True)],
-        _known(source.camera),
+        [Shot(_own_file(file), pose) for file, pose in zip(source.files, taken, strict=True)],
+        source.camera,
         source.image_size,
-        _known(source.camera),
+        source.camera,
         claimed=source.poses.copy(),
     )
     drives = {}
     for name, drive in dataset.sequences.items():
-        truth = None if drive.groundtruth is None else drive.groundtruth.at(drive.times)
+        truth = None if drive.groundtruth is None else _of_camera(drive.groundtruth.at(drive.times), drive.camera)
         shots = [
             Shot(_own_file(file), None if truth is None else truth[index], float(time))
             for index, (file, time) in enumerate(zip(drive.files, drive.times, strict=True))
         ]
         drives[name] = Folder(
             shots,
-            _known(drive.camera),
+            drive.camera,
             drive.image_size,
-            _known(drive.camera),
+            drive.camera,
             odometry=drive.odometry,
             groundtruth=drive.groundtruth,
         )
     chosen = drives if wanted is None else {name: drives[name] for name in drives if name in wanted}
-    return Draft(references, chosen, {name: drives[name] for name in drives if name not in chosen}, _known(dataset.camera))
+    return Draft(references, chosen, {name: drives[name] for name in drives if name not in chosen}, source.poses_of)
 
 
-def _known(camera: AnyCamera) -> PanoramaCamera | OmniCamera:
-    """The camera, if its optics can be disturbed."""
-    if isinstance(camera, PanoramaCamera | OmniCamera):
-        return camera
-    raise CameraError(f"camera.kind = {camera.kind}: cannot be corrupted; use panorama, or omni with a profile")
+def _of_camera(base: Float64, camera: AnyCamera) -> Float64:
+    """Poses of the camera on bases at poses (n, 3)."""
+    mount = camera.mounting
+    return compose(base, np.array([mount.x_m, mount.y_m, mount.yaw]))
 
 
 def _own_file(image: ImageSource) -> Path:

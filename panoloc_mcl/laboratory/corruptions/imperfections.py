@@ -33,6 +33,8 @@ class Imperfection:
         Its parameters; what it does is in its methods: ``change`` a draft, or else be called with the light of every image.
     mild, strong : mapping
         Values of the parameters at these levels.
+    calibrated : bool
+        It is an error of the camera's description: whoever knows of it has mended it.
     where : str
         Which images are disturbed, unless a recipe says otherwise: ``both``, ``references`` or ``drives``.
     together : bool
@@ -44,6 +46,7 @@ class Imperfection:
     strong: Mapping[str, Any]
     where: str = "both"
     together: bool = True
+    calibrated: bool = False
 
     @property
     def changes_data(self) -> bool:
@@ -60,9 +63,9 @@ IMPERFECTIONS: dict[str, Imperfection] = {
     "along_drive": Imperfection(surveys.AlongDrive, {"unevenness": 0.0}, {"unevenness": 1.2}, together=False),
     "doubled": Imperfection(surveys.Doubled, {"share": 0.25}, {"share": 1.0, "apart_m": 0.02}, together=False),
     "standing": Imperfection(surveys.Standing, {"stops": 3, "images": 5}, {"stops": 8, "images": 20}, together=False),
-    "mount": Imperfection(mounting.Mount, {"x_m": 0.05}, {"x_m": 0.15}),
+    "mount": Imperfection(mounting.Mounting, {"x_m": 0.05}, {"x_m": 0.15}),
     "mount_yaw": Imperfection(
-        mounting.Mount, {"x_m": 0.0, "yaw_deg": 2.0}, {"x_m": 0.15, "y_m": 0.05, "yaw_deg": 20.0}, together=False
+        mounting.Mounting, {"x_m": 0.0, "yaw_deg": 2.0}, {"x_m": 0.15, "y_m": 0.05, "yaw_deg": 20.0}, together=False
     ),
     "pose_noise": Imperfection(surveys.PoseNoise, {"xy_m": 0.02, "theta_deg": 0.5}, {"xy_m": 0.1, "theta_deg": 2.0}),
     "pose_drift": Imperfection(surveys.PoseDrift, {"share": 0.005}, {"share": 0.02}, together=False),
@@ -74,7 +77,7 @@ IMPERFECTIONS: dict[str, Imperfection] = {
     "people": Imperfection(scenery.People, {"share": 0.15}, {"share": 0.35}, where="drives"),
     "reflections": Imperfection(scenery.Reflections, {"gloss": 0.5}, {"gloss": 1.0}),
     "mount_tilt": Imperfection(mounting.Tilt, {"degrees": 1.0}, {"degrees": 3.0}),
-    "centre": Imperfection(mounting.Centre, {"pixels": 2.0}, {"pixels": 5.0}, together=False),
+    "centre": Imperfection(mounting.Centre, {"pixels": 2.0}, {"pixels": 5.0}, together=False, calibrated=True),
     "body": Imperfection(scenery.Body, {"strut_deg": 8.0}, {"strut_deg": 20.0, "laptop_share": 0.33}),
     "defocus": Imperfection(lens.Defocus, {"sigma_deg": 1.5}, {"sigma_deg": 3.0}),
     "motion_blur": Imperfection(lens.MotionBlur, {"degrees": 3.0}, {"degrees": 8.0}, where="drives"),
@@ -90,9 +93,9 @@ IMPERFECTIONS: dict[str, Imperfection] = {
         together=False,
     ),
     "jpeg": Imperfection(lens.Jpeg, {"quality": 50}, {"quality": 20}),
-    "elevation_scale": Imperfection(mounting.Elevation, {"scale": 1.03}, {"scale": 1.1}, together=False),
-    "elevation_shift": Imperfection(mounting.Elevation, {"shift_deg": 1.0}, {"shift_deg": 3.0}),
-    "height": Imperfection(mounting.Height, {"metres": 0.03}, {"metres": 0.1}),
+    "elevation_scale": Imperfection(mounting.Elevation, {"scale": 1.03}, {"scale": 1.1}, together=False, calibrated=True),
+    "elevation_shift": Imperfection(mounting.Elevation, {"shift_deg": 1.0}, {"shift_deg": 3.0}, calibrated=True),
+    "height": Imperfection(mounting.Height, {"metres": 0.03}, {"metres": 0.1}, calibrated=True),
 }
 
 
@@ -114,10 +117,14 @@ class Use:
     settings: StrictModel
     where: str
 
-    def apply(self, draft: Draft, rng: np.random.Generator) -> None:
-        """Change a draft."""
+    def apply(self, draft: Draft, rng: np.random.Generator, told: bool = False) -> None:
+        """Change a draft; ``told``: and say in it all that somebody can know who has looked at the robot and calibrated it."""
+        if told and IMPERFECTIONS[self.name].calibrated:
+            return
         if IMPERFECTIONS[self.name].changes_data:
             cast(_Change, self.settings).change(draft, rng)
         else:
             for folder in draft.of(self.where):
                 folder.disturbances.append((self.name, cast(Disturbance, self.settings)))
+        if told and hasattr(self.settings, "tell"):
+            self.settings.tell(draft)

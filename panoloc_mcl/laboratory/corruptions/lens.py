@@ -15,7 +15,6 @@ from pydantic import Field
 from scipy.ndimage import gaussian_filter, uniform_filter1d
 
 from panoloc_mcl.laboratory.corruptions.draft import GAMMA, Float32, View
-from panoloc_mcl.robot.camera.spec import PanoramaCamera
 from panoloc_mcl.robot.settings.validation import StrictModel
 
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -44,7 +43,7 @@ class MotionBlur(StrictModel):
 
     def __call__(self, light: Float32, view: View) -> Float32:
         """Mean over the turn."""
-        if isinstance(view.sight.camera, PanoramaCamera):
+        if view.sight.goes_round:
             # The mean over a width that is not whole: between those over the whole widths around it.
             width = max(1.0, self.degrees * view.sight.pixels_per_degree)
             low = int(width)
@@ -159,7 +158,7 @@ def blurred(light: Float32, view: View, sigma_deg: float) -> Float32:
     sigma = sigma_deg * view.sight.pixels_per_degree
     if sigma == 0.0:
         return light
-    across: Literal["wrap", "nearest"] = "wrap" if isinstance(view.sight.camera, PanoramaCamera) else "nearest"
+    across: Literal["wrap", "nearest"] = "wrap" if view.sight.goes_round else "nearest"
     return np.asarray(gaussian_filter(light, sigma, mode=("nearest", across), axes=(0, 1)), dtype=np.float32)
 
 

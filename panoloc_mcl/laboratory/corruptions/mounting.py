@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from panoloc_mcl.laboratory.corruptions.draft import Draft, Float32, Float64, View, moved
 from panoloc_mcl.laboratory.corruptions.sight import Sight
-from panoloc_mcl.robot.camera.spec import OmniCamera, PanoramaCamera
+from panoloc_mcl.robot.camera import Mount
+from panoloc_mcl.robot.camera.spec import AnyCamera, OmniCamera, PanoramaCamera
 from panoloc_mcl.robot.errors import ConfigError
 from panoloc_mcl.robot.geometry import compose, inverse
 from panoloc_mcl.robot.settings.validation import StrictModel
@@ -20,7 +21,6 @@ Metres = Annotated[float, Field(ge=-5.0, le=5.0)]
 Degrees = Annotated[float, Field(ge=-180.0, le=180.0)]
 SmallAngle = Annotated[float, Field(ge=-45.0, le=45.0)]
 Where = Literal["both", "references", "drives"]
-Cameras = PanoramaCamera | OmniCamera
 
 # The rings that panoramas are supposed to have been unwrapped from, pixels.
 _RING_PX = (28.0, 237.0)
@@ -39,11 +39,25 @@ class Tilt(StrictModel):
 
     def __call__(self, light: Float32, view: View) -> Float32:
         """Light as the tilted camera sees it."""
-        pitch, roll = view.rng.normal(0.0, self.sway_deg / math.sqrt(2.0), 2)
-        pitch += self.degrees * math.cos(math.radians(self.towards_deg))
-        roll -= self.degrees * math.sin(math.radians(self.towards_deg))
-        azimuth, elevation = turned(view.sight, pitch, roll)
+        sway = view.rng.normal(0.0, self.sway_deg / math.sqrt(2.0), 2)
+        azimuth, elevation = turned(view.sight, *(self._pitch_roll + sway))
         return view.sight.sample(light, azimuth, elevation).reshape(light.shape)
+
+    @property
+    def _pitch_roll(self) -> Float64:
+        towards = math.radians(self.towards_deg)
+        return self.degrees * np.array([math.cos(towards), -math.sin(towards)])
+
+    def tell(self, draft: Draft) -> None:
+        """Say how the camera is mounted; how it sways nobody knows."""
+        pitch, roll = self._pitch_roll
+        turn = Rotation.from_rotvec([roll, pitch, 0.0], degrees=True)
+        for folder in draft.folders:
+            before = folder.camera.mounting
+            # Seen from the base, the camera is turned about the vertical after it has been tilted.
+            yaw, pitch, roll = (Rotation.from_euler("z", before.yaw_deg, degrees=True) * turn).as_euler("ZYX", degrees=True)
+            angles = {"yaw_deg": float(yaw), "pitch_deg": float(pitch), "roll_deg": float(roll)}
+            folder.camera = folder.camera.model_copy(update={"mount": before.model_copy(update=angles)})
 
 
 def turned(sight: Sight, pitch_deg: float, roll_deg: float) -> tuple[Float64, Float64]:
@@ -63,7 +77,7 @@ def turned(sight: Sight, pitch_deg: float, roll_deg: float) -> tuple[Float64, Fl
     return np.arctan2(y, x), np.arcsin(np.clip(z, -1.0, 1.0))
 
 
-class Mount(StrictModel):
+class Mounting(StrictModel):
     """The camera is not the robot's centre, and does not look ahead: where it sits on the base.
 
     Images stay what they are; all poses, those of the references, odometry and ground truth, become the base's.
@@ -75,11 +89,19 @@ class Mount(StrictModel):
 
     def change(self, draft: Draft, rng: np.random.Generator) -> None:
         """Turn the camera's poses into the base's."""
+        if any(folder.camera.mount is not None for folder in draft.folders):
+            raise ConfigError("mount: the camera of this data set has a mount; give that another value instead")
         back = inverse(np.array([self.x_m, self.y_m, math.radians(self.yaw_deg)]))
         draft.references.claimed = compose(draft.references.claimed, back)
         for drive in draft.drives.values():
             drive.odometry = moved(drive.odometry, lambda poses: compose(poses, back))
             drive.groundtruth = moved(drive.groundtruth, lambda poses: compose(poses, back))
+
+    def tell(self, draft: Draft) -> None:
+        """Say where the camera sits."""
+        mount = Mount(x_m=self.x_m, y_m=self.y_m, yaw_deg=self.yaw_deg)
+        for folder in draft.folders:
+            folder.camera = folder.camera.model_copy(update={"mount": mount})
 
 
 class Centre(StrictModel):
@@ -98,11 +120,15 @@ class Centre(StrictModel):
         for folder in draft.of(self.where):
             if isinstance(folder.optics, PanoramaCamera):
                 folder.disturbances.append(("centre", self))
-            else:
-                u, v = folder.camera.center_px  # type: ignore[union-attr]
-                scale = folder.optics.valid_radius_px[1] / _RING_PX[1]
+            elif isinstance(folder.camera, OmniCamera):
+                u, v = folder.camera.center_px
+                scale = folder.camera.valid_radius_px[1] / _RING_PX[1]
                 center = (u + scale * float(off[0]), v - scale * float(off[1]))
                 folder.camera = folder.camera.model_copy(update={"center_px": center})
+            else:
+                raise ConfigError(
+                    f"centre: is for panoramas and mirrors; camera.kind = {folder.camera.kind} has no such centre"
+                )
 
     def __call__(self, light: Float32, view: View) -> Float32:
         """The panorama that is unwrapped around the wrong centre."""
@@ -127,10 +153,8 @@ class Elevation(StrictModel):
         """Claim other elevations."""
         for folder in draft.of(self.where):
             folder.camera = self._claimed(folder.camera)
-        if self.where == "both":
-            draft.camera = self._claimed(draft.camera)
 
-    def _claimed(self, camera: Cameras) -> Cameras:
+    def _claimed(self, camera: AnyCamera) -> AnyCamera:
         if not isinstance(camera, PanoramaCamera):
             raise ConfigError("elevation: is for panoramas; of a raw camera use centre, or change its profile")
         bottom, top = (float(np.clip(self.scale * e + self.shift_deg, -90.0, 90.0)) for e in camera.elevation_deg)
@@ -144,9 +168,10 @@ class Height(StrictModel):
 
     def change(self, draft: Draft, rng: np.random.Generator) -> None:
         """Claim another height."""
-        draft.change_cameras(self._claimed)
+        for folder in draft.folders:
+            folder.camera = self._claimed(folder.camera)
 
-    def _claimed(self, camera: Cameras) -> Cameras:
+    def _claimed(self, camera: AnyCamera) -> AnyCamera:
         if camera.height_m is None:
             return camera
         height = camera.height_m + self.metres

@@ -102,6 +102,8 @@ CORRUPTIONS: dict[str, Corruption] = {
 CLEAN = "clean"
 #: All imperfections at once.
 EVERYTHING = "everything"
+#: What the data set says of them: mask, mount, clock; a camera that is calibrated.
+TOLD = "told"
 _PLACES = ("both", "references", "drives")
 
 
@@ -117,11 +119,14 @@ class Recipe:
         Each with its severities.
     uses : tuple of Use
         Imperfections of the data set itself, in the order of their catalogue.
+    told : bool
+        Whether the data set says of them what can be known.
     """
 
     text: str
     steps: tuple[tuple[Corruption, dict[str, Any]], ...]
     uses: tuple[Use, ...] = ()
+    told: bool = False
 
     @property
     def changes_data(self) -> bool:
@@ -185,7 +190,8 @@ def parse_recipe(text: str) -> Recipe:
         Steps joined by ``+``, each a name of ``CORRUPTIONS`` and, after a colon, its severities joined by commas:
         ``bars:0.7``, ``bars:0.7,count=2+noise:3``, ``spatial_light``. Or names of ``IMPERFECTIONS``, each with its level, and values
         that it has instead: ``body:strong``, ``body:strong,strut_deg=30+jpeg:mild``; with ``where=references`` or ``where=drives``
-        they disturb only these images. Or ``everything:mild``, ``everything:strong``. Or ``clean``.
+        they disturb only these images. Or ``everything:mild``, ``everything:strong``. With ``+told`` the data set says what can be
+        known: mask, mount, the clocks' difference, and a camera that is calibrated. Or ``clean``.
 
     Raises
     ------
@@ -196,11 +202,14 @@ def parse_recipe(text: str) -> Recipe:
         return Recipe(text, ())
     steps: list[tuple[Corruption, dict[str, Any]]] = []
     uses: list[Use] = []
+    told = False
     faults: list[str] = []
     for part in text.split("+"):
         try:
             name = part.partition(":")[0].strip()
-            if name in IMPERFECTIONS or name == EVERYTHING:
+            if part.strip() == TOLD:
+                told = True
+            elif name in IMPERFECTIONS or name == EVERYTHING:
                 uses += _uses(part.strip(), f"corruption '{text}'")
             else:
                 steps.append(_step(part.strip(), f"corruption '{text}'"))
@@ -210,17 +219,19 @@ def parse_recipe(text: str) -> Recipe:
     faults += [
         f"corruption '{text}': '{name}' is given twice; drop one" for name in dict.fromkeys(names) if names.count(name) > 1
     ]
+    if told and not uses:
+        faults.append(f"corruption '{text}': has no imperfection that could be told of; name one")
     if faults:
         raise ConfigError(faults)
     order = list(IMPERFECTIONS)
-    return Recipe(text, tuple(steps), tuple(sorted(uses, key=lambda use: order.index(use.name))))
+    return Recipe(text, tuple(steps), tuple(sorted(uses, key=lambda use: order.index(use.name))), told)
 
 
 def _step(text: str, source: str) -> tuple[Corruption, dict[str, Any]]:
     name, _, severities = text.partition(":")
     corruption = CORRUPTIONS.get(name)
     if corruption is None:
-        known = [*CORRUPTIONS, *IMPERFECTIONS, EVERYTHING, CLEAN]
+        known = [*CORRUPTIONS, *IMPERFECTIONS, EVERYTHING, TOLD, CLEAN]
         remedy = did_you_mean(name, known) or f"known: {', '.join(known)}"
         raise ConfigError(f"{source}: unknown corruption '{name}'; {remedy}")
     given = _severities(severities, text, source, next(iter(corruption.parameters.model_fields)))

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.ndimage import gaussian_filter
 
-from panoloc_mcl.laboratory.corruptions.draft import Float32, Float64, View
+from panoloc_mcl.laboratory.corruptions.draft import Draft, Float32, Float64, View
 from panoloc_mcl.laboratory.corruptions.lens import Angle, Share, mean_light
-from panoloc_mcl.laboratory.corruptions.sight import Sight
+from panoloc_mcl.laboratory.corruptions.sight import Sight, sight_of
+from panoloc_mcl.robot.camera.mask import Mask
 from panoloc_mcl.robot.errors import ConfigError
 from panoloc_mcl.robot.settings.validation import StrictModel
 
@@ -183,6 +184,15 @@ class Body(StrictModel):
         laptop = (np.abs(aside) < 1.0) & (sight.elevation < edge)
         ring = sight.elevation < low + math.radians(self.ring_deg)
         return np.asarray((strut | laptop | ring) & sight.seen)
+
+    def tell(self, draft: Draft) -> None:
+        """Give every camera that it hides a part of a mask."""
+        for folder in draft.folders:
+            if any(disturb is self for _, disturb in folder.disturbances):
+                world = ~self.hides(sight_of(folder.optics, folder.size))
+                known = folder.camera.mask
+                mask = Mask(world if known is None else world & known.world)
+                folder.camera = folder.camera.model_copy(update={"mask": mask})
 
     def __call__(self, light: Float32, view: View) -> Float32:
         """Light with the robot before it, lit as the place is."""

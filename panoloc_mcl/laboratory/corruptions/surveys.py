@@ -47,7 +47,7 @@ class AlongDrive(StrictModel):
             )
         most = max(groups, key=lambda group: (groups[group], group))
         names = [name for name in draft.spare if group_of(name) == most][: self.drives]
-        shots = []
+        shots, stamps, drives = [], [], []
         for name in names:
             way, wanted = math.inf, 0.0
             last = None
@@ -57,9 +57,14 @@ class AlongDrive(StrictModel):
                 last = shot.pose
                 if way >= max(wanted, self.least_m):
                     shots.append(shot)
+                    stamps.append(shot.time)
+                    drives.append(draft.spare[name])
                     way, wanted = 0.0, 0.3 * float(np.exp(self.unevenness * rng.standard_normal())) * (self.unevenness > 0.0)
         source = draft.spare[names[0]]
-        claimed = np.array([shot.pose for shot in shots])
+        said = [
+            drive.groundtruth.at(stamp) for drive, stamp in zip(drives, stamps, strict=True) if drive.groundtruth is not None
+        ]
+        claimed, draft.poses_of = np.array(said), "base"
         draft.references = Folder([replace(s, time=0.0) for s in shots], source.optics, source.size, source.camera, claimed)
 
 
@@ -136,8 +141,16 @@ class Clock(StrictModel):
     def change(self, draft: Draft, rng: np.random.Generator) -> None:
         """Shift the stamps of odometry."""
         for drive in draft.drives.values():
-            if drive.odometry is not None:
-                drive.odometry = Trajectory(drive.odometry.times - self.seconds, drive.odometry.poses)
+            drive.odometry = self._shifted(drive.odometry)
+
+    def tell(self, draft: Draft) -> None:
+        """Say how far the clocks are apart; what is true is then told by odometry's."""
+        for drive in draft.drives.values():
+            drive.groundtruth = self._shifted(drive.groundtruth)
+            drive.camera = drive.camera.model_copy(update={"time_offset_s": drive.camera.stamp_offset_s - self.seconds})
+
+    def _shifted(self, trajectory: Trajectory | None) -> Trajectory | None:
+        return None if trajectory is None else Trajectory(trajectory.times - self.seconds, trajectory.poses)
 
 
 class Odometry(StrictModel):

@@ -8,17 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from panoloc_mcl.laboratory.rays import directions_of
 from panoloc_mcl.laboratory.simulation.settings import Sensor
-from panoloc_mcl.robot.camera.profiles import radius_px
-from panoloc_mcl.robot.camera.spec import AnyCamera, OmniCamera, PanoramaCamera
-from panoloc_mcl.robot.errors import CameraError
+from panoloc_mcl.robot.camera.spec import AnyCamera
 
 FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class RayTable:
-    """Rays of a camera in the robot's frame (x ahead, y left, z up).
+    """Rays of a camera in the axes of the robot that it is mounted on (x ahead, y left, z up).
 
     Parameters
     ----------
@@ -43,40 +42,13 @@ def ray_table(camera: AnyCamera, size: tuple[int, int], samples: int) -> RayTabl
     width, height = size
     at = (np.arange(samples) + 0.5) / samples - 0.5
     v, u, dv, du = np.meshgrid(np.arange(height), np.arange(width), at, at, indexing="ij")
-    column, row = (u + du).reshape(-1), (v + dv).reshape(-1)
-    if isinstance(camera, PanoramaCamera):
-        sense = -1.0 if camera.columns == "clockwise" else 1.0
-        azimuth = sense * 2.0 * np.pi * (column - camera.heading_column) / width
-        bottom, top = camera.elevation_deg
-        elevation = np.radians(top + (row + 0.5) * (bottom - top) / height)
-        seen = np.ones(len(column), dtype=bool)
-    elif isinstance(camera, OmniCamera):
-        x, y = column - camera.center_px[0], camera.center_px[1] - row
-        radius = np.hypot(x, y)
-        angle = np.arctan2(y, x) - math.radians(camera.heading_angle_deg)
-        azimuth = angle if camera.azimuth == "counterclockwise" else -angle
-        elevation = _elevation(camera, radius)
-        seen = (radius >= camera.valid_radius_px[0]) & (radius <= camera.valid_radius_px[1]) & np.isfinite(elevation)
-        elevation = np.where(seen, elevation, 0.0)
-    else:
-        raise CameraError(f"camera.kind = {camera.kind}: cannot be rendered; use panorama or omni")
+    column, row = (np.asarray(part, dtype=np.float64).reshape(-1) for part in (u + du, v + dv))
+    azimuth, elevation, seen = directions_of(camera, size, column, row)
     whole = seen.reshape(-1, samples * samples).all(axis=1)
     keep = np.repeat(whole, samples * samples)
     a, e = azimuth[keep], elevation[keep]
-    directions = np.column_stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    directions = np.column_stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)]) @ camera.mounting.rotation.T
     return RayTable(directions, np.flatnonzero(whole), size, samples * samples)
-
-
-def _elevation(camera: OmniCamera, radius: FloatArray) -> FloatArray:
-    """The profile turned round by a fine table; NaN where no elevation is imaged."""
-    elevations = np.radians(np.linspace(-90.0, 90.0, 36001))
-    radii = radius_px(camera.profile, elevations, camera.looks_up)
-    known = np.isfinite(radii)
-    r, e = radii[known], elevations[known]
-    if r[-1] < r[0]:
-        r, e = r[::-1], e[::-1]
-    rising = np.concatenate([[True], np.diff(np.maximum.accumulate(r)) > 0.0])
-    return np.asarray(np.interp(radius, r[rising], e[rising], left=np.nan, right=np.nan), dtype=np.float64)
 
 
 def tilted(directions: FloatArray, pitch: float, roll: float) -> FloatArray:
