@@ -63,9 +63,16 @@ def find_faults(path: str, overrides: list[str | Override]) -> list[str]:
 
 def _dataset_faults(name: str) -> list[str]:
     from panoloc_mcl.tools.datasets import check_dataset, resolve_dataset
+    from panoloc_mcl.tools.datasets.recordings import is_recording, recordings_in
 
     try:
-        return check_dataset(resolve_dataset(name))
+        path = resolve_dataset(name)
+        # Recordings are read with the configuration.
+        return (
+            check_dataset(path)
+            if (path / "dataset.yaml").exists() or (not recordings_in(path) and not is_recording(path))
+            else []
+        )
     except PanolocError as error:
         return list(error.faults)
 
@@ -73,8 +80,7 @@ def _dataset_faults(name: str) -> list[str]:
 def _faults_together(config: RunConfig) -> list[str]:
     """What would stop a run before its first frame: sequences that are not there, a map or a start that does not fit."""
     from panoloc_mcl.robot.map.panorama_map import PanoramaMap
-    from panoloc_mcl.tools.datasets import read_dataset, resolve_dataset
-    from panoloc_mcl.tools.runs.pipeline import check_task, make_tasks
+    from panoloc_mcl.tools.runs.pipeline import check_task, find_dataset, make_tasks
 
     faults: dict[str, None] = {}
     panorama_map = None
@@ -83,9 +89,14 @@ def _faults_together(config: RunConfig) -> list[str]:
     except PanolocError as error:
         faults.update(dict.fromkeys(error.faults))
     try:
-        tasks = make_tasks(read_dataset(resolve_dataset(config.dataset)), config)
+        dataset = find_dataset(config)
+        tasks = make_tasks(dataset, config)
     except PanolocError as error:
         return [*faults, *error.faults]
+    if config.map is None and not len(dataset.references):
+        faults[
+            f"{dataset.path}: holds no references; set map to a map file, or references to {{from: SEQUENCE, every_m: 0.5}}"
+        ] = None
     for task in tasks:
         try:
             check_task(task, panorama_map, config)

@@ -18,6 +18,7 @@ from panoloc_mcl.tools.cli.parser import parse
 _COMMANDS = (
     "tools.cli.demo",
     "tools.cli.run",
+    "tools.cli.convert",
     "laboratory.cli.simulate",
     "laboratory.cli.corrupt",
     "tools.cli.build_map",

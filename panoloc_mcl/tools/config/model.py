@@ -12,6 +12,7 @@ from pydantic import Field
 
 from panoloc_mcl.robot.settings.config import LocalizerConfig
 from panoloc_mcl.robot.settings.validation import StrictModel
+from panoloc_mcl.tools.config.recording import RecordingSettings, ReferencesSettings
 
 
 class KidnapSettings(StrictModel):
@@ -26,7 +27,18 @@ class RunConfig(LocalizerConfig):
     name: str = Field(
         "run", min_length=1, max_length=80, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", description="Folder name under `out`."
     )
-    dataset: str = Field("hall", min_length=1, description="Path of a data set, or the name of an embedded one (`hall`).")
+    dataset: str = Field(
+        "hall",
+        min_length=1,
+        description="Path of a data set, a recording (bag, mcap, video, folder) or a folder of recordings, or the name of an embedded "
+        "data set (`hall`).",
+    )
+    recording: RecordingSettings = Field(
+        default_factory=RecordingSettings, description="What recordings do not say themselves."
+    )
+    references: ReferencesSettings | None = Field(
+        None, description="References taken from a sequence with true poses; null = those of the data set."
+    )
     sequences: Literal["all"] | list[str] = Field("all", description="`all`, or a list of names or globs such as `noon_*`.")
     map: Path | None = Field(
         None, description="A map file made by `panoloc build-map`; null = build from the references, cached."

@@ -40,6 +40,8 @@ class Sequence:
         Poses in the odometry frame, with time stamps of their own.
     groundtruth : Trajectory or None
         True poses in the map frame.
+    notes : tuple of str
+        What the user should know of how it was read.
     """
 
     name: str
@@ -50,6 +52,7 @@ class Sequence:
     image_size: tuple[int, int]
     odometry: Trajectory | None = None
     groundtruth: Trajectory | None = None
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.files)

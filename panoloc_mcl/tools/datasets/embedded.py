@@ -6,6 +6,7 @@ from pathlib import Path
 
 from panoloc_mcl.robot.errors import DatasetError, did_you_mean
 from panoloc_mcl.robot.files import at_home, known_errors
+from panoloc_mcl.tools.datasets.recordings import is_recording
 
 #: Folders of the data sets in the package, by name.
 EMBEDDED: dict[str, Path] = {
@@ -34,7 +35,7 @@ def resolve_dataset(name_or_path: str | Path) -> Path:
         embedded = EMBEDDED.get(str(name_or_path))
         if embedded is not None:
             return embedded
-        if path.is_dir():
+        if path.is_dir() or is_recording(path):
             return path
     hint = did_you_mean(name_or_path, EMBEDDED) or "check the path"
     raise DatasetError(f"dataset = '{name_or_path}': neither a folder nor an embedded data set ({', '.join(EMBEDDED)}); {hint}")

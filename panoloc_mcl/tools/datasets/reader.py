@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field
 
 from panoloc_mcl.robot.camera.files import camera_with_files, read_camera
@@ -18,7 +19,15 @@ from panoloc_mcl.robot.files import known_errors
 from panoloc_mcl.robot.images import image_size
 from panoloc_mcl.robot.references import References
 from panoloc_mcl.robot.settings.validation import StrictModel, read_yaml, validate
+from panoloc_mcl.tools.config.recording import RecordingSettings
 from panoloc_mcl.tools.datasets.dataset import Dataset, Sequence
+from panoloc_mcl.tools.datasets.recordings import (
+    dataset_of_recordings,
+    is_folder_of_images,
+    is_recording,
+    recordings_in,
+    sequence_of,
+)
 from panoloc_mcl.tools.datasets.tables import read_image_table
 from panoloc_mcl.tools.datasets.trajectory import Trajectory, read_tum
 
@@ -64,32 +73,43 @@ class Scan:
     sequences: list[Sequence] = field(default_factory=list)
 
 
-def read_dataset(path: str | Path) -> Dataset:
-    """Read a data set; images are looked up and measured, not decoded.
+def read_dataset(path: str | Path, recording: RecordingSettings | None = None, camera: AnyCamera | None = None) -> Dataset:
+    """Read a data set, or a recording, or a folder of recordings; images are looked up and measured, not decoded.
+
+    Parameters
+    ----------
+    path : str or Path
+    recording : RecordingSettings, optional
+        What recordings do not say themselves.
+    camera : AnyCamera, optional
+        Of recordings that nothing else is known of.
 
     Raises
     ------
     DatasetError
         Every fault found, one line each.
     """
-    scan = scan_dataset(Path(path))
+    path = Path(path)
+    if is_recording(path) or recordings_in(path):
+        return dataset_of_recordings(path, recording, camera)
+    scan = scan_dataset(path, recording)
     if scan.faults or scan.dataset is None:
         raise DatasetError(scan.faults)
     return scan.dataset
 
 
-def scan_dataset(path: Path) -> Scan:
+def scan_dataset(path: Path, recording: RecordingSettings | None = None) -> Scan:
     """Read as much of a data set as possible and collect the faults instead of raising them."""
     scan = Scan()
     try:
         with known_errors(DatasetError, path):
-            _scan(path, scan)
+            _scan(path, recording, scan)
     except DatasetError as error:
         scan.faults.extend(error.faults)
     return scan
 
 
-def _scan(path: Path, scan: Scan) -> Scan:
+def _scan(path: Path, recording: RecordingSettings | None, scan: Scan) -> Scan:
     if not path.is_dir():
         scan.faults.append(f"{path}: no such folder; name a data set folder (one that holds dataset.yaml)")
         return scan
@@ -97,11 +117,19 @@ def _scan(path: Path, scan: Scan) -> Scan:
     camera = info.camera if info is not None else None
     # Folders that share the camera of dataset.yaml must share its image size, too.
     shared: dict[str, tuple[Path, tuple[int, int]]] = {}
-    scan.references = _read_references(path / "references", camera, info, shared, scan.faults)
-    for folder in _sequence_folders(path / "sequences"):
-        sequence = _read_sequence(folder, camera, shared, scan.faults)
+    if (path / "references").exists() or not _sequence_entries(path / "sequences"):
+        scan.references = _read_references(path / "references", camera, info, shared, scan.faults)
+    for entry in _sequence_entries(path / "sequences"):
+        if _is_recorded(entry):
+            sequence = _read_recorded(entry, recording, camera, scan.faults)
+        else:
+            sequence = _read_sequence(entry, camera, shared, scan.faults)
         if sequence is not None:
             scan.sequences.append(sequence)
+    if info is not None and not (path / "references").exists() and scan.sequences:
+        # Drives alone: the map comes from elsewhere, or from one of them.
+        size = scan.sequences[0].image_size
+        scan.references = References(path / "references", (), np.empty((0, 3)), info.camera, size)
     if info is not None and scan.references is not None:
         by_name = {sequence.name: sequence for sequence in scan.sequences}
         scan.dataset = Dataset(info.name, path, info.description, info.licence, info.camera, scan.references, by_name)
@@ -119,10 +147,27 @@ def _read_info(path: Path, faults: list[str]) -> DatasetFile | None:
         return None
 
 
-def _sequence_folders(path: Path) -> list[Path]:
+def _sequence_entries(path: Path) -> list[Path]:
+    """Folders with images and recordings."""
     if not path.is_dir():
         return []
-    return sorted(folder for folder in path.iterdir() if folder.is_dir() and not folder.name.startswith("."))
+    seen = sorted(entry for entry in path.iterdir() if not entry.name.startswith("."))
+    return [entry for entry in seen if entry.is_dir() or is_recording(entry)]
+
+
+def _is_recorded(entry: Path) -> bool:
+    # A folder of images without its table is one of ours that lacks it.
+    return is_recording(entry) and not is_folder_of_images(entry)
+
+
+def _read_recorded(
+    path: Path, settings: RecordingSettings | None, camera: AnyCamera | None, faults: list[str]
+) -> Sequence | None:
+    try:
+        return sequence_of(path, settings, camera)
+    except (DatasetError, CameraError, ConfigError) as error:
+        faults.extend(error.faults)
+        return None
 
 
 def _read_references(

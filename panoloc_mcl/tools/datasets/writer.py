@@ -162,10 +162,11 @@ def copy_dataset(dataset: Dataset, path: Path) -> Path:
     writer = DatasetWriter(
         path, dataset.name, dataset.camera, dataset.description, dataset.licence, poses_of=references.poses_of
     )
-    names = _copy_images(references.path, references.files, path / "references")
-    rows = [(name, *(repr(float(v)) for v in pose)) for name, pose in zip(names, references.poses, strict=True)]
-    write_image_table(path / "references" / "poses.csv", ("file", "x", "y", "theta"), rows)
-    _write_camera(path / "references", references.camera, dataset.camera)
+    if len(references):
+        names = _copy_images(references.path, references.files, path / "references")
+        rows = [(name, *(repr(float(v)) for v in pose)) for name, pose in zip(names, references.poses, strict=True)]
+        write_image_table(path / "references" / "poses.csv", ("file", "x", "y", "theta"), rows)
+        _write_camera(path / "references", references.camera, dataset.camera)
     for sequence in dataset.sequences.values():
         folder = path / "sequences" / sequence.name
         names = _copy_images(sequence.path, sequence.files, folder)

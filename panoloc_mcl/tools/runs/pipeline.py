@@ -23,6 +23,7 @@ from panoloc_mcl.robot.observation import ObservationModel
 from panoloc_mcl.tools.config import RunConfig
 from panoloc_mcl.tools.datasets import Dataset, read_dataset, resolve_dataset, truth_at
 from panoloc_mcl.tools.datasets import Sequence as Drive
+from panoloc_mcl.tools.datasets.from_drive import references_from
 from panoloc_mcl.tools.datasets.splice import splice, teleports_of
 from panoloc_mcl.tools.evaluation import SequenceRecord, evaluate
 from panoloc_mcl.tools.report import FrameRecorder, ResultsWriter, render_report, render_summary
@@ -115,7 +116,7 @@ def run(config: RunConfig, command: Sequence[str] = (), monitor: Monitor | None 
         Anything that the user can mend; nothing half-written is left that a reader could take for whole.
     """
     monitor = monitor or SilentMonitor()
-    dataset = read_dataset(resolve_dataset(config.dataset))
+    dataset = find_dataset(config)
     tasks = make_tasks(dataset, config)
     panorama_map = find_map(dataset, config, monitor)
     model = panorama_map.observation_model(config.observation)
@@ -123,6 +124,8 @@ def run(config: RunConfig, command: Sequence[str] = (), monitor: Monitor | None 
         monitor.notice(f"map: {note}")
     for task in tasks:
         check_task(task, panorama_map, config)
+        for note in task.drive.notes:
+            monitor.notice(f"sequence {task.drive.name}: {note}")
         if task.drive.odometry is None:
             monitor.notice(f"sequence {task.drive.name}: has no odometry, runs on images only")
     writer = ResultsWriter(config.out, config.name, datetime.now())
@@ -164,10 +167,27 @@ def make_tasks(dataset: Dataset, config: RunConfig) -> list[Task]:
     return [Task(drive, kidnapped) for drive, kidnapped in splice(selected, config.kidnap.every_frames, rng)]
 
 
+def find_dataset(config: RunConfig) -> Dataset:
+    """The data set or recordings that the configuration names, with references from one of its drives if it says so."""
+    path = resolve_dataset(config.dataset)
+    # Recordings that do not say which camera they are of are taken to be of the map's.
+    camera = PanoramaMap.load(config.map).camera if config.map is not None and not (path / "dataset.yaml").is_file() else None
+    dataset = read_dataset(path, config.recording, camera)
+    if config.references is None:
+        return dataset
+    wanted = config.references.model_dump()
+    drive = dataset.select([wanted["from"]])[0]
+    return replace(dataset, references=references_from(drive, wanted["every_m"]))
+
+
 def find_map(dataset: Dataset, config: RunConfig, monitor: Monitor) -> PanoramaMap:
     """The map that the configuration names, or that of the data set's references."""
     if config.map is not None:
         return PanoramaMap.load(config.map)
+    if not len(dataset.references):
+        raise DatasetError(
+            f"{dataset.path}: holds no references; set map to a map file, or references to {{from: SEQUENCE, every_m: 0.5}}"
+        )
     return cached_map(dataset, config.observation, config.seed, monitor.progress)
 
 

@@ -1,0 +1,148 @@
+"""Bags that were cut off: no index, so they are read from the front until something is missing."""
+
+from __future__ import annotations
+
+import bz2
+import struct
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+_ROS1_MAGIC = b"#ROSBAG V2.0\n"
+_MESSAGE, _CHUNK, _CONNECTION = 0x02, 0x05, 0x07
+
+#: Topic, type, definition, time in nanoseconds, bytes.
+_Found = tuple[str, str, str, int, bytes]
+
+
+@dataclass(frozen=True)
+class Salvaged:
+    """What is left of a bag: its topics with their types, how its messages are decoded, and the messages again from the front."""
+
+    topics: dict[str, str]
+    decode: Callable[[bytes, str], Any]
+    read: Callable[[], Iterator[_Found]]
+
+    def messages(self, topics: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
+        """Those of some topics, in the order that they were written in."""
+        for topic, _, _, time, raw in self.read():
+            if topic in topics:
+                yield topic, time, raw
+
+
+def _salvaged(read: Callable[[], Iterator[_Found]], ros1: bool) -> Salvaged:
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    topics: dict[str, str] = {}
+    types: dict[str, Any] = {}
+    for topic, kind, definition, _, _ in read():
+        if topic not in topics:
+            topics[topic] = kind
+            types.update(get_types_from_msg(definition, kind))
+    store = get_typestore(Stores.EMPTY)
+    store.register(types)
+    return Salvaged(topics, store.deserialize_ros1 if ros1 else store.deserialize_cdr, read)
+
+
+def salvaged_ros1(path: Path) -> Salvaged | None:
+    """A ROS 1 bag; None if it is none."""
+    with path.open("rb") as stream:
+        if stream.read(len(_ROS1_MAGIC)) != _ROS1_MAGIC:
+            return None
+    return _salvaged(lambda: _ros1(path), ros1=True)
+
+
+def salvaged_mcap(path: Path) -> Salvaged | None:
+    """An MCAP file with ROS 2 messages; None if it is none."""
+    with path.open("rb") as stream:
+        if not stream.read(8).startswith(b"\x89MCAP"):
+            return None
+    return _salvaged(lambda: _mcap(path), ros1=False)
+
+
+SALVAGED: dict[str, Callable[[Path], Salvaged | None]] = {".bag": salvaged_ros1, ".mcap": salvaged_mcap}
+
+
+def _mcap(path: Path) -> Iterator[_Found]:
+    from mcap.exceptions import McapError
+    from mcap.reader import NonSeekingReader
+
+    with path.open("rb") as stream:
+        try:
+            for schema, channel, message in NonSeekingReader(stream).iter_messages(log_time_order=False):
+                if schema is not None and schema.encoding == "ros2msg":
+                    yield channel.topic, schema.name, schema.data.decode(), message.log_time, message.data
+        except (McapError, EOFError, ValueError, struct.error):
+            # The end that is missing.
+            return
+
+
+def _ros1(path: Path) -> Iterator[_Found]:
+    connections: dict[int, tuple[str, str, str]] = {}
+    with path.open("rb") as stream:
+        stream.seek(len(_ROS1_MAGIC))
+        for header, data in _records(stream):
+            if header.get(b"op") != bytes([_CHUNK]):
+                yield from _ros1_message(header, data, connections)
+                continue
+            try:
+                content = _uncompressed(header.get(b"compression", b"none"), data)
+            except (OSError, ValueError, RuntimeError):
+                return
+            for inner, inner_data in _records_of(content):
+                yield from _ros1_message(inner, inner_data, connections)
+
+
+def _ros1_message(header: dict[bytes, bytes], data: bytes, connections: dict[int, tuple[str, str, str]]) -> Iterator[_Found]:
+    kind = header.get(b"op", b"\0")[0]
+    if kind == _CONNECTION:
+        fields = _fields(data)
+        name = fields[b"type"].decode().replace("/", "/msg/")
+        connections[_number(header[b"conn"])] = header[b"topic"].decode(), name, fields[b"message_definition"].decode()
+    elif kind == _MESSAGE and _number(header[b"conn"]) in connections:
+        seconds, nanoseconds = struct.unpack("<II", header[b"time"])
+        yield (*connections[_number(header[b"conn"])], seconds * 10**9 + nanoseconds, data)
+
+
+def _records(stream: IO[bytes]) -> Iterator[tuple[dict[bytes, bytes], bytes]]:
+    """Headers and data, as long as both are whole."""
+    while True:
+        parts = []
+        for _ in range(2):
+            length = stream.read(4)
+            part = stream.read(_number(length)) if len(length) == 4 else b""
+            if len(length) < 4 or len(part) < _number(length):
+                return
+            parts.append(part)
+        yield _fields(parts[0]), parts[1]
+
+
+def _records_of(content: bytes) -> Iterator[tuple[dict[bytes, bytes], bytes]]:
+    import io
+
+    return _records(io.BytesIO(content))
+
+
+def _fields(block: bytes) -> dict[bytes, bytes]:
+    fields, at = {}, 0
+    while at + 4 <= len(block):
+        end = at + 4 + _number(block[at : at + 4])
+        name, _, value = block[at + 4 : end].partition(b"=")
+        fields[name] = value
+        at = end
+    return fields
+
+
+def _number(four: bytes) -> int:
+    return int.from_bytes(four[:4], "little")
+
+
+def _uncompressed(how: bytes, data: bytes) -> bytes:
+    if how == b"bz2":
+        return bz2.decompress(data)
+    if how == b"lz4":
+        import lz4.frame
+
+        return bytes(lz4.frame.decompress(data))
+    return data
