@@ -132,18 +132,20 @@ def tiled(small: PanoramaMap, tiles: int) -> PanoramaMap:
     many = replace(
         references,
         pixels=np.concatenate([references.pixels] * tiles),
+        valid=None if references.valid is None else np.concatenate([references.valid] * tiles),
         positions=positions,
         names=tuple(f"{tile}_{name}" for tile in range(tiles) for name in references.names),
     )
     arrays = dict(small.arrays)
     of_references = {"profiles", "alone"} & set(arrays)
     arrays.update({name: np.concatenate([arrays[name]] * tiles) for name in of_references})
+    arrays["used"] = np.concatenate([arrays["used"] + tile * len(references) for tile in range(tiles)])
     # In the order in which the map lays out its places.
     probe = VotesModel.restore(many, small.observation.votes, arrays).places.positions
     tile = np.argmin([np.abs(probe - offset - model.places.positions.mean(axis=0)).max(axis=1) for offset in offsets], axis=0)
     source = model.places.nearest(probe - offsets[tile])
     for name, array in small.arrays.items():
-        if name not in of_references and name != "spectra" and len(array) == len(model.places):
+        if name not in {*of_references, "spectra", "used"} and len(array) == len(model.places):
             arrays[name] = array[source]
     return replace(small, references=many, arrays=arrays)
 
