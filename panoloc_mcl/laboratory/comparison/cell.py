@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from panoloc_mcl import __version__
 from panoloc_mcl.laboratory.comparison.matrix import Cell
 from panoloc_mcl.laboratory.comparison.runs import FORMAT, Failure, Overheard, Runs
 from panoloc_mcl.laboratory.corruptions import Recipe, corrupt, parse_recipe
@@ -37,11 +36,11 @@ from panoloc_mcl.tools.datasets.splice import teleports_of
 from panoloc_mcl.tools.datasets.thinning import thinned
 from panoloc_mcl.tools.runs.map_cache import cached_map
 from panoloc_mcl.tools.runs.pipeline import Task, check_task, localize, make_tasks
+from panoloc_mcl.tools.runs.source import source_digest
 
-# Parts that change no figure.
-_WITHOUT_FIGURES = ("tools/cli/", "tools/report/", "laboratory/", "__init__.py", "__main__.py")
-# But for these.
-_WITH_FIGURES = ("laboratory/comparison/cell.py", "laboratory/corruptions/", "laboratory/peers/")
+# Parts that figures depend on, and those of them that change none.
+_WITH_FIGURES = ("robot/", "tools/", "laboratory/comparison/cell.py", "laboratory/corruptions/", "laboratory/peers/")
+_WITHOUT_FIGURES = ("tools/cli/", "tools/report/")
 _MAPS_KEPT = 4
 
 # One cell at a time in a process: limits of BLAS hold for all of its threads.
@@ -99,16 +98,9 @@ def make_job(cell: Cell, dataset: Dataset) -> Job:
     return Job(cell, data, key, json.dumps((of_map, recipe.text, cell.config.seed) if recipe.changes_data else of_map))
 
 
-@lru_cache(maxsize=1)
 def code_digest() -> str:
     """Digest of all code of this package that figures can depend on: cells of other code are run again."""
-    root = Path(__file__).parents[2]
-    digest = hashlib.sha256(__version__.encode())
-    for file in sorted(root.rglob("*.py")):
-        name = file.relative_to(root).as_posix()
-        if name.startswith(_WITH_FIGURES) or not name.startswith(_WITHOUT_FIGURES):
-            digest.update(name.encode() + file.read_bytes())
-    return digest.hexdigest()[:16]
+    return source_digest(_WITH_FIGURES, _WITHOUT_FIGURES)
 
 
 def data_digest(dataset: Dataset, config: RunConfig, whole: bool = False) -> str:

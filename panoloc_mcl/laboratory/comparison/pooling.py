@@ -8,15 +8,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from panoloc_mcl.laboratory.comparison.runs import Failure, Runs
 from panoloc_mcl.laboratory.comparison.tables import CONDITION, METHOD, Entry, Row
 from panoloc_mcl.robot.errors import ConfigError
-from panoloc_mcl.tools.evaluation import SequenceRecord, evaluate
-
-_RESAMPLES = 10_000
-_RESAMPLED_AT_ONCE = 500
+from panoloc_mcl.tools.evaluation import SequenceRecord, bootstrap95, evaluate
 
 #: Label, unit, and how a run's row gives the figure; larger is better for the first two.
 PAIRED: tuple[tuple[str, str], ...] = (
@@ -60,10 +56,10 @@ class Difference:
     Parameters
     ----------
     condition, method, baseline, figure, unit : str
-    pairs : int
-        Runs that have the figure under both.
+    pairs, drives : int
+        Runs that have the figure under both, and the drives that they are over.
     mean, low, high : float
-        Mean difference and its 95 % interval by bootstrap over runs (percentiles).
+        Mean difference, every drive counted alike, and its 95 % interval by bootstrap over drives (percentiles); infinite for one.
     """
 
     condition: str
@@ -72,6 +68,7 @@ class Difference:
     figure: str
     unit: str
     pairs: int
+    drives: int
     mean: float
     low: float
     high: float
@@ -134,34 +131,22 @@ def differences(groups: Sequence[Group], rows: Sequence[Row], baseline: str | No
         mine, theirs = of[group.condition, group.method], of.get((group.condition, first), {})
         shared = [run for run in mine if run in theirs]
         for name, unit in PAIRED:
-            pairs = [(_value(mine[run], name), _value(theirs[run], name)) for run in shared]
-            known = np.array([a - b for a, b in pairs if a is not None and b is not None])
-            if len(known):
-                low, high = bootstrap95(known, zlib.crc32(f"{group.condition}|{group.method}|{name}".encode()))
+            of_drive: dict[str, list[float]] = {}
+            for run in shared:
+                a, b = _value(mine[run], name), _value(theirs[run], name)
+                if a is not None and b is not None:
+                    of_drive.setdefault(run[0], []).append(a - b)
+            if of_drive:
+                # Seeds over one drive are no new trials: the drives are what is drawn again.
+                means = np.array([np.mean(values) for values in of_drive.values()])
+                low, high = bootstrap95(means, zlib.crc32(f"{group.condition}|{group.method}|{name}".encode()))
+                pairs = sum(map(len, of_drive.values()))
                 found.append(
-                    Difference(group.condition, group.method, first, name, unit, len(known), float(known.mean()), low, high)
+                    Difference(
+                        group.condition, group.method, first, name, unit, pairs, len(means), float(means.mean()), low, high
+                    )
                 )
     return found
-
-
-def bootstrap95(values: NDArray[np.float64], seed: int) -> tuple[float, float]:
-    """95 % interval of the mean by bootstrap: percentiles of the means of resampled runs.
-
-    Parameters
-    ----------
-    values : float64 (n,)
-        One a run, n >= 1.
-    seed : int
-    """
-    rng = np.random.default_rng(seed)
-    means = np.concatenate(
-        [
-            values[rng.integers(len(values), size=(_RESAMPLED_AT_ONCE, len(values)))].mean(axis=1)
-            for _ in range(_RESAMPLES // _RESAMPLED_AT_ONCE)
-        ]
-    )
-    low, high = np.percentile(means, (2.5, 97.5))
-    return float(low), float(high)
 
 
 def _key(axes: Mapping[str, Any]) -> tuple[str, ...]:

@@ -71,7 +71,7 @@ def render_summary(
         lines += [
             f"## Paired differences to {found[0].baseline}",
             "",
-            "Same sequence, same seed: mean difference, 95 % interval by bootstrap over runs, (pairs). Bold: the interval excludes 0.",
+            "Same sequence, same seed: mean difference, 95 % interval by bootstrap over drives (pairs, drives). Bold: it excludes 0.",
             "",
             *_difference_table(found),
             "",
@@ -193,7 +193,7 @@ def difference_rows(found: Sequence[Difference]) -> tuple[dict[str, Kind], list[
     """Columns and rows of ``differences.csv``."""
     columns: dict[str, Kind] = {
         **dict.fromkeys(("condition", "method", "baseline", "figure", "unit"), "text"),
-        "pairs": "count",
+        **dict.fromkeys(("pairs", "drives"), "count"),
         **dict.fromkeys(("mean", "low", "high"), "number"),
     }
     return columns, [{name: getattr(entry, name) for name in columns} for entry in found]
@@ -216,7 +216,7 @@ def _difference(entry: Difference | None) -> str:
         return BLANK
     text = f"{entry.mean:+.3g} ({entry.low:+.3g} to {entry.high:+.3g})"
     shown = f"**{text}**" if entry.low > 0.0 or entry.high < 0.0 else text
-    return f"{shown} ({entry.pairs})"
+    return f"{shown} ({entry.pairs}, {entry.drives})"
 
 
 def rate(part: Mapping[str, Any]) -> str:

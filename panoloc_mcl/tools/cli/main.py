@@ -30,6 +30,7 @@ _COMMANDS = (
     "tools.cli.inspect",
     "tools.cli.plot",
     "tools.cli.check",
+    "tools.cli.schema",
     "tools.cli.warmup",
 )
 

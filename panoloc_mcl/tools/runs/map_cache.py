@@ -16,9 +16,9 @@ from panoloc_mcl.robot.observation import build_settings, model_named
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.settings.config import ObservationSettings
 from panoloc_mcl.tools.datasets import Dataset
+from panoloc_mcl.tools.runs.source import OF_MAPS, source_digest
 
-# Counts up whenever the same settings give another map.
-_REVISION = 18
+_PEERS = "laboratory/peers/"
 
 
 def cached_map(dataset: Dataset, observation: ObservationSettings, seed: int, progress: Progress = no_progress) -> PanoramaMap:
@@ -50,16 +50,16 @@ def cached_map(dataset: Dataset, observation: ObservationSettings, seed: int, pr
 
 
 def _key(dataset: Dataset, observation: ObservationSettings, seed: int) -> str:
-    references = dataset.references
+    references, model = dataset.references, model_named(observation.model)
     digest = hashlib.sha256()
     description = {
         "format": FORMAT,
-        "revision": _REVISION,
+        "code": source_digest((*OF_MAPS, *((_PEERS,) if model.__module__.startswith("panoloc_mcl.laboratory") else ()))),
         "camera": to_mapping(references.camera),
         "poses": references.poses.tolist(),
         "files": [file.name for file in references.files],
         **build_settings(observation),
-        "seed": seed if model_named(observation.model).draws else 0,
+        "seed": seed if model.draws else 0,
     }
     digest.update(json.dumps(description, sort_keys=True).encode())
     for file in references.files:

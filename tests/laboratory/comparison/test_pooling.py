@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
-from panoloc_mcl.laboratory.comparison.pooling import bootstrap95, differences, groups_of
+from panoloc_mcl.laboratory.comparison.pooling import differences, groups_of
 from panoloc_mcl.laboratory.comparison.tables import rows_of
+from panoloc_mcl.tools.evaluation import bootstrap95
 
 
 def test_a_bootstrap_interval_is_that_of_the_mean():
@@ -29,7 +30,7 @@ def test_runs_are_paired_by_sequence_and_seed(entry):
     rows = [row for one in entries for row in rows_of(one)]
     found = {d.figure: d for d in differences(groups_of(entries), rows, None)}
     position = found["position median"]
-    assert (position.method, position.baseline, position.pairs) == ("paper", "votes", 2)
+    assert (position.method, position.baseline, position.pairs, position.drives) == ("paper", "votes", 2, 1)
     assert position.mean == pytest.approx(200.0, abs=2.0)
     assert position.low <= position.mean <= position.high
     assert found["images to converge"].mean == 0.0
