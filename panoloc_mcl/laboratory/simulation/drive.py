@@ -203,6 +203,19 @@ def turn(roads: RoadMap, duration_s: float, drive: Drive, rng: np.random.Generat
     return Trajectory(times, np.column_stack([np.tile(at, (len(times), 1)), theta]))
 
 
+def driven(drive: Drive, roads: RoadMap, duration_s: float, rng: np.random.Generator, where: str) -> Trajectory:
+    """The robot's way, every 0.05 s from time 0.
+
+    Raises
+    ------
+    ConfigError
+        As `patrol`; ``where`` names the drive.
+    """
+    if drive.kind == "patrol":
+        return patrol(roads.space, duration_s, drive, where)
+    return wander(roads, duration_s, drive, rng) if drive.kind == "wander" else turn(roads, duration_s, drive, rng)
+
+
 def _follow(points: list[FloatArray], theta: float, duration_s: float, drive: Drive) -> Trajectory:
     """Along straight lines, turning on the spot at every point; standing still at the last."""
     poses = []

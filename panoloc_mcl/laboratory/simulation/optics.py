@@ -4,15 +4,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.laboratory.rays import directions_of
 from panoloc_mcl.laboratory.simulation.settings import Sensor
 from panoloc_mcl.robot.camera.spec import AnyCamera
+from panoloc_mcl.robot.errors import ConfigError
+from panoloc_mcl.robot.images import read_image
 
 FloatArray = NDArray[np.float64]
+
+# A surface of this albedo is as bright as the mean of the image.
+MEAN_ALBEDO = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +66,46 @@ def tilted(directions: FloatArray, pitch: float, roll: float) -> FloatArray:
     about_y = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
     about_x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
     return np.asarray(directions @ (about_y @ about_x).T)
+
+
+def overlaid(luminance: FloatArray, seen: NDArray[np.bool_], body: NDArray[np.uint8], gamma: float) -> FloatArray:
+    """What is fixed to the camera before the scene, lit as the scene is on average.
+
+    Parameters
+    ----------
+    luminance : ndarray of float64, shape (height, width)
+        Of the scene, cd/m2.
+    seen : ndarray of bool, shape (height, width)
+    body : ndarray of uint8, shape (height, width, 2)
+        Grey levels, and opacity.
+    gamma : float
+        Of the grey levels.
+    """
+    albedo, cover = (body[..., 0] / 255.0) ** gamma, body[..., 1] / 255.0
+    lit = albedo / MEAN_ALBEDO * float(luminance[seen].mean())
+    return np.asarray(luminance + cover * (lit - luminance))
+
+
+def read_body(path: Path, size: tuple[int, int]) -> NDArray[np.uint8]:
+    """The picture of a robot's body: grey levels and opacity, uint8 (height, width, 2).
+
+    Raises
+    ------
+    ConfigError
+        Another size than the camera's images, or no transparency.
+    ImageError
+        It cannot be read.
+    """
+    image = read_image(path)
+    if image.shape[1::-1] != size:
+        found = " x ".join(str(part) for part in image.shape[1::-1])
+        raise ConfigError(f"body = {path}: {found} pixels where images have {size[0]} x {size[1]}; use the camera's own size")
+    if image.ndim != 3 or image.shape[2] != 4 or image.dtype != np.uint8:
+        raise ConfigError(
+            f"body = {path}: has no transparency; save it as an 8-bit PNG that is transparent where the world is seen"
+        )
+    grey = cv2.cvtColor(image[..., :3], cv2.COLOR_BGR2GRAY)
+    return np.stack([np.asarray(grey, dtype=np.uint8), image[..., 3]], axis=-1)
 
 
 def expose(

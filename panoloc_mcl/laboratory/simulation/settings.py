@@ -72,6 +72,14 @@ class SequenceGroup(StrictModel):
     size: tuple[Annotated[int, Field(ge=4, le=8192)], Annotated[int, Field(ge=2, le=8192)]] | None = None
 
 
+class ReferenceDrive(StrictModel):
+    """References that are the frames of one drive through the place, at the headings that it has, instead of the scene's places."""
+
+    frames: Annotated[int, Field(ge=2, le=100_000)]
+    every_s: Positive = 0.8
+    drive: Drive = Drive()
+
+
 class Rendering(StrictModel):
     """How carefully light is carried."""
 
@@ -91,7 +99,10 @@ class SimulationConfig(StrictModel):
     sensor: Sensor = Sensor()
     odometry: Odometry = Odometry()
     rendering: Rendering = Rendering()
+    body: str | None = Field(None, description="A PNG of the images' size, transparent but for the robot, fixed to the camera.")
+    floor_gloss: Share = Field(0.0, description="How much floors mirror: 1 = varnished, 0 = matt.")
     references_light: str
+    references_drive: ReferenceDrive | None = None
     jpeg_quality: Annotated[int, Field(ge=1, le=100)] | None = Field(None, description="JPEG instead of PNG.")
     sequences: tuple[SequenceGroup, ...] = ()
 

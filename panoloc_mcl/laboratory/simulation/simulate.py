@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.laboratory.simulation.backend import Backend, backend
 from panoloc_mcl.laboratory.simulation.building import Building, build
-from panoloc_mcl.laboratory.simulation.drive import FreeSpace, RoadMap, patrol, reference_poses, reported, turn, wander
-from panoloc_mcl.laboratory.simulation.optics import RayTable, expose, ray_table
+from panoloc_mcl.laboratory.simulation.drive import FreeSpace, RoadMap, driven, reference_poses, reported, wander
+from panoloc_mcl.laboratory.simulation.optics import RayTable, expose, overlaid, ray_table, read_body
 from panoloc_mcl.laboratory.simulation.people import Person, Walk
 from panoloc_mcl.laboratory.simulation.renderer import RayCaster
 from panoloc_mcl.laboratory.simulation.scene import Scene, load_scene
-from panoloc_mcl.laboratory.simulation.settings import Drive, SequenceGroup, SimulationConfig
+from panoloc_mcl.laboratory.simulation.settings import Drive, ReferenceDrive, SequenceGroup, SimulationConfig
 from panoloc_mcl.laboratory.simulation.sun import light_of
 from panoloc_mcl.laboratory.simulation.world import World
 from panoloc_mcl.robot.camera.spec import AnyCamera
@@ -102,8 +102,11 @@ class Simulation:
         building = self._building(_AS_IT_STANDS)
         height = config.camera.height_m or 0.0
         self.space = FreeSpace(building, height + 0.1)
-        self.references = reference_poses(self.space)
-        self.roads = RoadMap(self.space, self.references)
+        places = reference_poses(self.space)
+        self.roads = RoadMap(self.space, places)
+        along = config.references_drive
+        self.references = places if along is None else self._frames_of(along)
+        self.body = None if config.body is None else read_body(folder / config.body, config.size)
         self._sequences = [
             self._planned(group, number, order) for order, group in enumerate(config.sequences) for number in range(group.count)
         ]
@@ -117,7 +120,12 @@ class Simulation:
     def said(self) -> str:
         """Everything that the data set depends on, as text: a folder that was begun with it is gone on with."""
         return json.dumps(
-            {"config": self.config.model_dump(mode="json"), "scene": self.scene.model_dump(mode="json")}, sort_keys=True
+            {
+                "config": self.config.model_dump(mode="json"),
+                "scene": self.scene.model_dump(mode="json"),
+                "body": None if self.body is None else hashlib.sha256(self.body.tobytes()).hexdigest(),
+            },
+            sort_keys=True,
         )
 
     def world(self, light: str, used: Backend, progress: Progress, building: _BuildingKey = _AS_IT_STANDS) -> World:
@@ -131,6 +139,7 @@ class Simulation:
             self.config.rendering.samples,
             lambda done, total: progress(done, total, what),
             self._caster(building, used),
+            self.config.floor_gloss,
         )
 
     def run(self, path: Path, progress: Progress, notice: Callable[[str], None]) -> Path:
@@ -154,7 +163,8 @@ class Simulation:
         ending = "png" if config.jpeg_quality is None else "jpg"
         height = config.camera.height_m or 0.0
         shots = tuple(
-            _Shot(pose, height, (), (0.0, 0.0), False, (config.seed, 1, index)) for index, pose in enumerate(self.references)
+            _Shot(pose, height, (), (0.0, 0.0), False, (config.seed, 1, index))
+            for index, pose in enumerate(config.camera.mounting.camera_poses(self.references))
         )
         names = [f"ref_{index:03d}.{ending}" for index in range(len(shots))]
         view = _View(config.references_light, _AS_IT_STANDS, config.camera, config.size)
@@ -175,7 +185,8 @@ class Simulation:
         """What surrounds a camera and is seen from behind is the inside of something, what lies below it a ceiling or a roof."""
         groups: dict[_BuildingKey, list[tuple[str, FloatArray]]] = {}
         height = self.config.camera.height_m or 0.0
-        at = [("reference", np.array([pose[0], pose[1], height])) for pose in self.references]
+        taken = self.config.camera.mounting.camera_poses(self.references)
+        at = [("reference", np.array([pose[0], pose[1], height])) for pose in taken]
         groups[_AS_IT_STANDS] = at
         for sequence in self._sequences:
             shots = [(f"sequence {sequence.name}", np.array([*shot.pose[:2], shot.height_m])) for shot in sequence.shots]
@@ -204,6 +215,12 @@ class Simulation:
             more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
             raise ConfigError(faults[0] + more)
 
+    def _frames_of(self, along: ReferenceDrive) -> FloatArray:
+        """Poses (n, 3) of the robot where references are taken on a drive."""
+        rng = np.random.default_rng([self.config.seed, 4])
+        since = np.arange(along.frames) * along.every_s
+        return driven(along.drive, self.roads, float(since[-1]) + along.every_s, rng, "references_drive.drive").at(since)
+
     def _caster(self, key: _BuildingKey, used: Backend) -> RayCaster:
         if key not in self._casters:
             self._casters[key] = RayCaster(self._building(key).patches, used)
@@ -227,9 +244,10 @@ class Simulation:
         if group.moved > 0.0:
             # What has been moved may stand in the way.
             moved_space = FreeSpace(self._building(key), (config.camera.height_m or 0.0) + 0.1)
-            left = self.references[moved_space.distance(self.references[:, :2]) >= self.scene.clearance_m]
-            roads = RoadMap(moved_space, left if len(left) else self.references)
-        path = _path(group.drive, roads, duration, rng, where)
+            places = self.roads.places
+            left = places[moved_space.distance(places) >= self.scene.clearance_m]
+            roads = RoadMap(moved_space, left if len(left) else places)
+        path = driven(group.drive, roads, duration, rng, where)
         period = 1.0 / config.odometry.rate_hz
         reports = np.arange(0.1 - _ODOMETRY_LEAD_S, since[-1] + 1.5 * period, period)
         odometry = reported(path, reports, config.odometry, rng)
@@ -250,7 +268,7 @@ class Simulation:
         label = int.from_bytes(hashlib.sha256(name.encode()).digest()[:4], "big")
         shots = tuple(
             _Shot(
-                poses[index],
+                camera.mounting.camera_poses(poses[index]),
                 height,
                 _apart(tuple(walk.at(float(since[index])) for walk in walks), poses[index]),
                 (float(tilts[index, 0]), float(tilts[index, 1])),
@@ -320,14 +338,10 @@ class _Pictures:
         if camera not in self._rays:
             self._rays[camera] = ray_table(view.camera, view.size, sensor.samples)
         luminance, seen = self._worlds[where].luminance(self._rays[camera], shot.pose, shot.height_m, shot.people, shot.tilt)
+        if self._simulation.body is not None and view.camera == self._simulation.config.camera:
+            luminance = overlaid(luminance, seen, self._simulation.body, sensor.gamma)
         # A generator a frame: a frame comes out the same whether those before it were rendered in this run or not.
         return expose(luminance, seen, sensor, np.random.default_rng(shot.key), shot.auto_exposure)
-
-
-def _path(drive: Drive, roads: RoadMap, duration: float, rng: np.random.Generator, where: str) -> Trajectory:
-    if drive.kind == "patrol":
-        return patrol(roads.space, duration, drive, where)
-    return wander(roads, duration, drive, rng) if drive.kind == "wander" else turn(roads, duration, drive, rng)
 
 
 def _apart(people: tuple[Person, ...], pose: FloatArray) -> tuple[Person, ...]:

@@ -24,12 +24,17 @@ from panoloc_mcl.robot.errors import OutputError
 from panoloc_mcl.robot.files import cache_folder, read_arrays, write_arrays
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 _REVISION = 2  # raised whenever light maps come out differently
 _PROBE_M = 1.1  # height at which the light on people is measured
 _PROBE_STEP_M = 1.5
 _AXES = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float64)
 _RAYS_AT_ONCE = 500_000
+_A_PERSON = -2  # instead of a surface
+# Floors that may mirror: their normals point so much up, and they lie so near to height 0.
+_LEVEL, _FLOOR_M = 0.99, 1e-3
+_VARNISH = 0.04
 
 
 class World:
@@ -47,6 +52,8 @@ class World:
         Called with (done, total) while light is carried.
     caster : RayCaster, optional
         Of the same building, if there is one already.
+    floor_gloss : float
+        Share of what a varnished floor mirrors that floors at height 0 do.
 
     Raises
     ------
@@ -62,8 +69,9 @@ class World:
         samples: int,
         progress: Callable[[int, int], None],
         caster: RayCaster | None = None,
+        floor_gloss: float = 0.0,
     ) -> None:
-        self.building, self.light = building, light
+        self.building, self.light, self._floor_gloss = building, light, floor_gloss
         scene, patches = building.scene, building.patches
         chosen = light_of(scene, light)
         self._used, self._daylight = used, Daylight(scene.site, chosen)
@@ -125,9 +133,16 @@ class World:
         seen[rays.pixel] = True
         return image.reshape(height, width), seen.reshape(height, width)
 
-    def _along(self, origin: FloatArray, directions: FloatArray, people: tuple[Person, ...]) -> FloatArray:
+    def _along(
+        self, origin: FloatArray, directions: FloatArray, people: tuple[Person, ...], start: FloatArray | None = None
+    ) -> FloatArray:
+        """Light along rays; ``start``: they were mirrored so far from the origin, which lies below the floor."""
         patches = self.building.patches
-        distance, owner = self.caster.cast(origin, directions)
+        if start is None:
+            distance, owner = self.caster.cast(origin, directions)
+        else:
+            distance, owner = self.caster.cast(origin + start[:, None] * directions, directions)
+            distance = distance + start
         result = np.zeros(len(directions))
         hit = np.flatnonzero(owner >= 0)
         of, points = owner[hit], origin + distance[hit, None] * directions[hit]
@@ -148,7 +163,27 @@ class World:
             light = self._light_on_people(person.position, normals)
             result[nearer] = shade * light / np.pi
             distance[nearer] = near
+            owner[nearer] = _A_PERSON
+        if self._floor_gloss > 0.0 and start is None:
+            self._mirror(origin, directions, people, distance, owner, result)
         return result
+
+    def _mirror(
+        self,
+        origin: FloatArray,
+        directions: FloatArray,
+        people: tuple[Person, ...],
+        distance: FloatArray,
+        owner: IntArray,
+        result: FloatArray,
+    ) -> None:
+        """Add what glossy floors mirror: what a camera as far below the floor would see through it."""
+        level = (owner >= 0) & (self.building.patches.normal[owner, 2] > _LEVEL) & (directions[:, 2] < 0.0)
+        floor = np.flatnonzero(level)
+        floor = floor[np.abs(origin[2] + distance[floor] * directions[floor, 2]) < _FLOOR_M]
+        over = np.array([1.0, 1.0, -1.0])
+        seen = self._along(origin * over, directions[floor] * over, people, distance[floor] + _FLOOR_M)
+        result[floor] += self._floor_gloss * mirrored_share(-directions[floor, 2]) * seen
 
     def _sky(self, directions: FloatArray) -> FloatArray:
         rows, columns = self.sources.sky.shape
@@ -220,6 +255,11 @@ def illuminance(
     sources = sources_of(building.patches, scene.site, chosen, scene.window_transmittance, used)
     transport = LightTransport(building.patches, sources, Daylight(scene.site, chosen), used)
     return transport.meter(points, np.tile(_AXES[4], (len(points), 1)), samples, 3), sources.outdoor_lux
+
+
+def mirrored_share(down: FloatArray) -> FloatArray:
+    """Reflectance of varnish (Schlick, 1994) by the sine of the angle between the ray and the floor."""
+    return np.asarray(_VARNISH + (1.0 - _VARNISH) * (1.0 - down) ** 5)
 
 
 def _probe_grid(building: Building) -> tuple[FloatArray, tuple[int, int]]:
