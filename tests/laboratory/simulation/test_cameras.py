@@ -56,7 +56,12 @@ def seen_by(world, camera, size, pose=POSE, samples=2):
 
 
 @pytest.mark.parametrize(
-    ("camera", "size"), [(SPHERE, (480, 240)), (PAIR, (480, 240))], ids=["equirectangular", "fisheye_pair"]
+    ("camera", "size"),
+    [
+        pytest.param(SPHERE, (480, 240), id="equirectangular"),
+        # The rays of a lens are searched for, pixel by pixel.
+        pytest.param(PAIR, (480, 240), id="fisheye_pair", marks=pytest.mark.slow),
+    ],
 )
 def test_every_camera_sees_the_same_world(world, camera, size):
     direct, other = seen_by(world, CAMERA, (240, 100)), seen_by(world, camera, size)
@@ -118,6 +123,7 @@ def test_a_body_lies_before_everything_and_takes_the_light_of_the_place():
     np.testing.assert_allclose(overlaid(0.1 * light, seen, body, 2.2), 0.1 * covered)
 
 
+@pytest.mark.slow
 def test_body_mount_and_drive_in_a_data_set(tiny_folder, tmp_path):
     body = np.zeros((25, 60, 4), dtype=np.uint8)
     body[20:] = (0, 0, 0, 255)
