@@ -25,6 +25,7 @@ from panoloc_mcl.robot.observation.calibration import Calibration, calibrate
 from panoloc_mcl.robot.observation.field import VoteField, at_headings, silent_field
 from panoloc_mcl.robot.observation.overlap import OverlapNorms, block_energy, block_usable, squared_magnitude
 from panoloc_mcl.robot.observation.places import Places
+from panoloc_mcl.robot.observation.scale import at_resolution, references_at, resolution_of
 from panoloc_mcl.robot.observation.sources import check_texture, sources_of
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.references import ReferencePanoramas
@@ -106,6 +107,7 @@ class VotesModel:
         # Re(conj(a) b) as one real product: [Re a, Im a] . [Re b, Im b].
         self._coefficients_real = np.hstack([coefficients.real, coefficients.imag]).astype(np.float32)
         self._frequencies = _frequencies(columns, settings.bandwidth)
+        self._shape = (spectra.shape[2], columns)
         self._headings = 2.0 * np.pi * np.arange(columns) / columns
         self._synthesizer = synthesizer
         refines = synthesizer is not None and settings.refinement.enabled
@@ -124,6 +126,7 @@ class VotesModel:
         """
         check_filter_size(references.geometry.shape, settings)
         check_texture(references, settings)
+        references = references_at(references, resolution_of(references, settings, _threads(settings)))
         everywhere = references.positions
         used, synthesizer, notes = sources_of(references, settings, progress, _threads(settings))
         references = references.of(used)
@@ -180,7 +183,8 @@ class VotesModel:
     def restore(cls, references: ReferencePanoramas, settings: VotesSettings, arrays: Arrays) -> Self:
         """Take up the arrays of a map file."""
         everywhere = references.positions
-        references = references.of(arrays["used"])
+        rows, columns = (int(size) for size in arrays["shape"])
+        references = references_at(references.of(arrays["used"]), (rows, columns))
         synthesizer = None
         if "profiles" in arrays and references.camera_height_m is not None:
             profiles, alone = arrays["profiles"].astype(np.float64), arrays["alone"].astype(np.bool_)
@@ -207,6 +211,7 @@ class VotesModel:
             "energy": self._norms.energy,
             "usable": self._norms.usable,
             "kept": np.array([self.kept]),
+            "shape": np.array(self._shape),
             "used": np.arange(len(self.places)) if self._used is None else self._used,
         }
         if self._synthesizer is not None:
@@ -218,6 +223,7 @@ class VotesModel:
 
     def observe(self, panorama: Panorama, headings: NDArray[np.float64] | None = None) -> VoteField:
         """Votes of one image (see `ObservationModel.observe`)."""
+        panorama = at_resolution(panorama, self._shape)
         z, mask = orientations(panorama, self.settings)
         problem = self._problem(panorama, z, mask)
         if problem:

@@ -80,6 +80,11 @@ class VotesSettings(StrictModel):
         description="Gradients well below this many grey levels per pixel count little (the c of |z| / (|z| + c)); with linear "
         "gradients, images whose mean gradient is.",
     )
+    columns: Annotated[int, Field(ge=16, le=16384)] | None = Field(
+        None,
+        description="Columns of the panoramas that are compared; null = chosen from the references, where views of neighbours fit "
+        "most clearly, at most 720. Larger images are reduced to it.",
+    )
     smoothing_px: NonNegative = Field(
         1.0, le=20.0, description="Standard deviation of the Gaussian before the gradient, pixels."
     )

@@ -1,0 +1,84 @@
+"""The resolution is that of the information: not of the file, and not of noise."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from oracles.rooms import BareRoom
+from oracles.scenes import grid
+
+from panoloc_mcl.robot.camera import Panorama, PanoramaGeometry
+from panoloc_mcl.robot.observation import VotesModel
+from panoloc_mcl.robot.observation.scale import at_resolution, detail_columns, references_at, resolution_of
+from panoloc_mcl.robot.references import ReferencePanoramas
+from panoloc_mcl.robot.settings.observation import VotesSettings
+
+SETTINGS = VotesSettings()
+GEOMETRY = PanoramaGeometry(120, 48, -50.0, 25.0)
+
+
+@pytest.fixture(scope="module")
+def sharp() -> ReferencePanoramas:
+    return BareRoom(low=(-1.5, -1.2), high=(4.6, 3.7)).references(GEOMETRY, grid(4, 3))
+
+
+def enlarged(world: ReferencePanoramas, factor: int) -> ReferencePanoramas:
+    margin = 4
+    padded = [np.hstack([one[:, -margin:], one, one[:, :margin]]) for one in world.pixels]
+    large = [cv2.resize(one, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC) for one in padded]
+    pixels = np.stack([one[:, margin * factor : -margin * factor] for one in large])
+    geometry = world.geometry
+    wide = PanoramaGeometry(
+        factor * geometry.width, factor * geometry.height, geometry.elevation_bottom_deg, geometry.elevation_top_deg
+    )
+    return replace(world, pixels=pixels, geometry=wide)
+
+
+def test_sharp_images_are_compared_as_they_are(sharp) -> None:
+    assert resolution_of(sharp, SETTINGS) == (48, 120)
+    assert references_at(sharp, (48, 120)) is sharp
+
+
+@pytest.mark.parametrize("factor", [2, 3])
+def test_enlarging_the_images_changes_nothing(sharp, factor: int) -> None:
+    large = enlarged(sharp, factor)
+    assert detail_columns(large) == pytest.approx(120.0, rel=0.25)
+    assert resolution_of(large, SETTINGS) == (48, 120)
+    back = references_at(large, (48, 120))
+    assert np.abs(back.pixels.astype(int) - sharp.pixels).mean() < 3.0
+
+
+def test_where_fine_structure_is_noise_coarser_pixels_are_compared(sharp) -> None:
+    large = enlarged(sharp, 2)
+    noisy = np.clip(large.pixels + np.random.default_rng(0).normal(0.0, 50.0, large.pixels.shape), 5, 250).astype(np.uint8)
+    # By their spectra they have detail; but it is another one in each.
+    assert detail_columns(replace(large, pixels=noisy)) > 200.0
+    assert resolution_of(replace(large, pixels=noisy), SETTINGS)[1] <= 120
+
+
+def test_a_setting_has_the_last_word(sharp) -> None:
+    assert resolution_of(sharp, VotesSettings(columns=90)) == (36, 90)
+    assert resolution_of(sharp, VotesSettings(columns=1000)) == (48, 120)
+
+
+def test_a_pixel_is_the_mean_of_those_it_covers_and_unseen_where_one_is() -> None:
+    pixels = np.random.default_rng(1).uniform(0.0, 255.0, (12, 24)).astype(np.float32)
+    valid = np.ones((12, 24), dtype=np.bool_)
+    valid[3, 5] = False
+    small = at_resolution(Panorama(pixels * valid, valid), (4, 8))
+    means = pixels.reshape(4, 3, 8, 3).mean(axis=(1, 3))
+    assert small.valid is not None
+    assert np.argwhere(~small.valid).tolist() == [[1, 1]]
+    assert small.pixels[small.valid] == pytest.approx(means[small.valid], rel=1e-4)
+    assert small.pixels[1, 1] == 0.0
+
+
+def test_a_model_takes_images_of_the_size_of_its_references(sharp) -> None:
+    settings = VotesSettings(columns=60, calibration_references=0)
+    model = VotesModel.build(sharp, settings)
+    restored = VotesModel.restore(sharp, settings, model.arrays())
+    fields = [each.observe(sharp.panorama(5)) for each in (model, restored)]
+    assert fields[0].votes.shape[0] == 60
+    assert np.array_equal(fields[0].votes, fields[1].votes)
+    assert np.hypot(*(fields[0].best_pose[:2] - sharp.positions[5])) < 0.1
