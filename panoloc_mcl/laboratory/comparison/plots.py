@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from panoloc_mcl.laboratory.comparison.pooling import Group
-from panoloc_mcl.laboratory.corruptions.recipe import CLEAN
+from panoloc_mcl.laboratory.corruptions.imperfections import IMPERFECTIONS, LEVELS
+from panoloc_mcl.laboratory.corruptions.recipe import CLEAN, EVERYTHING
 from panoloc_mcl.robot.files import write_atomically
 from panoloc_mcl.tools.evaluation.intervals import wilson95
 
@@ -65,6 +66,7 @@ def draw_plots(folder: Path, groups: Sequence[Group]) -> list[str]:
         "severity.png": draw_severity,
         "convergence.png": draw_convergence,
         "cost.png": draw_cost,
+        "imperfections.png": draw_imperfections,
     }
     shown = [group for group in groups if group.metrics is not None]
     drawn = []
@@ -156,6 +158,52 @@ def draw_severity(groups: Sequence[Group]) -> Figure | None:
             _finish(axes, f"{kind}: {title}", kind, "share")
             axes.set_ylim(-0.03, 1.03)
     _legend(figure, panels[0][0])
+    return figure
+
+
+def draw_imperfections(groups: Sequence[Group]) -> Figure | None:
+    """Median to p95 of the position error under each imperfection, mild and strong, data sets and lights pooled; clean as a band."""
+    errors: dict[str, list[Any]] = {}
+    for group in groups:
+        mine = errors.setdefault(group.axes["corruption"], [])
+        for record in group.records:
+            first, metres = record.first_converged, record.position_error_m
+            mine.append(metres[first:] if metres is not None and first is not None else [])
+    spreads: dict[str, Any] = {}
+    for recipe, parts in errors.items():
+        if any(map(len, parts)):
+            spreads[recipe] = np.maximum(1000.0 * np.percentile(np.concatenate(parts), (50, 95)), _LEAST_MM)
+        else:
+            spreads[recipe] = None
+    names = [name for name in (EVERYTHING, *IMPERFECTIONS) if any(f"{name}:{level}" in spreads for level in LEVELS)]
+    if not names:
+        return None
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6.6, 0.26 * len(names) + 1.2), layout="constrained")
+    axes = figure.add_subplot()
+    clean = spreads.get(CLEAN)
+    if clean is not None:
+        axes.axvspan(*clean, color="0.85", label="clean: median to p95")
+    for level, colour, aside in zip(LEVELS, _COLOURS, (0.16, -0.16), strict=False):
+        rows_of_level = [
+            (len(names) - row + aside, spreads[f"{name}:{level}"])
+            for row, name in enumerate(names)
+            if f"{name}:{level}" in spreads
+        ]
+        found = [(y, spread) for y, spread in rows_of_level if spread is not None]
+        if found:
+            ys, (low, high) = [y for y, _ in found], np.transpose([spread for _, spread in found])
+            axes.hlines(ys, low, high, color=colour, linewidth=2.0, label=f"{level}: median to p95")
+            axes.plot(low, ys, marker="o", markersize=3.5, linestyle="none", color=colour)
+        for y in [y for y, spread in rows_of_level if spread is None]:
+            axes.annotate(
+                "never sure", (0.99, y), xycoords=("axes fraction", "data"), ha="right", va="center", fontsize=7, color=colour
+            )
+    _plain_log(axes, "x")
+    axes.set_yticks([len(names) - row for row in range(len(names))], [name.replace("_", " ") for name in names])
+    _finish(axes, "", "position error after convergence [mm]", "")
+    _legend(figure, axes)
     return figure
 
 

@@ -3,6 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from panoloc_mcl.laboratory.comparison.plots import draw_imperfections
+from panoloc_mcl.laboratory.comparison.pooling import groups_of
 from panoloc_mcl.laboratory.comparison.reality import HEADS, Watched, aligned, has_imperfections, imperfections
 from panoloc_mcl.laboratory.comparison.runs import Answers, Runs
 from panoloc_mcl.robot.geometry import compose
@@ -90,3 +92,20 @@ def test_failures_and_methods_are_named(entry):
     assert "clean, paper" in lines[3]
     assert not has_imperfections(entries)
     assert has_imperfections([entry(corruption="bars:0.5"), entry(corruption="jpeg:mild")])
+
+
+def test_the_figure_has_a_line_an_imperfection_and_says_what_was_never_sure(entry):
+    pytest.importorskip("matplotlib")
+    entries = [
+        entry(error_m=0.002),
+        entry(corruption="jpeg:mild", error_m=0.004),
+        entry(corruption="jpeg:strong", error_m=0.02),
+        entry(corruption="everything:strong", converged_from=99),
+    ]
+    figure = draw_imperfections(groups_of(entries))
+    (axes,) = figure.axes
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["everything", "jpeg"]
+    assert [text.get_text() for text in axes.texts] == ["never sure"]
+    low, high = axes.collections[0].get_segments()[0][:, 0]
+    assert 3.0 < low < high < 9.0
+    assert draw_imperfections(groups_of(entries[:1])) is None
