@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from panoloc_mcl.robot.camera import Camera
+from panoloc_mcl.robot.camera import Camera, Unwrapper
 from panoloc_mcl.robot.errors import ImageError
 from panoloc_mcl.robot.filters import Estimate, Sightings, Status
 from panoloc_mcl.robot.interface.messages import Image, Message, Odometry
@@ -188,6 +188,16 @@ class Localizer(SavedState):
         """
         poses, weights = self._filter.particles()
         return self._mount.base_poses(poses), weights
+
+    @property
+    def panorama_map(self) -> PanoramaMap:
+        """The map that poses are in."""
+        return self._map
+
+    @property
+    def unwrapper(self) -> Unwrapper:
+        """That makes panoramas of the camera's images."""
+        return self._unwrap
 
     @property
     def places(self) -> Places:

@@ -70,6 +70,11 @@ class Steering(Parts):
         driven = self._mount.base_poses(driven)
         return TimedPose(robot.timestamp, compose(robot.pose, inverse(driven)), robot.covariance, robot.status, robot.answered)
 
+    def driven(self, timestamp: float) -> Float64 | None:
+        """Pose (3,) of the base in odometry's frame at a time; None without odometry."""
+        pose = self._odometry.raw_pose_at(timestamp)
+        return None if pose is None else self._mount.base_poses(pose)
+
     @locked
     def locate(self, image: NDArray[Any]) -> Location:
         """Where the robot was when one image was taken, by that image alone; the belief is neither asked nor changed.

@@ -46,6 +46,8 @@ def find_faults(path: str, overrides: list[str | Override]) -> list[str]:
         # By name: the laboratory stands above the tools.
         laboratory = importlib.import_module("panoloc_mcl.laboratory.cli.simulate")
         return list(laboratory.simulation_faults(Path(path), overrides))
+    if "input" in read_yaml(Path(path)):
+        return _live_faults(path, overrides)
     config: RunConfig | None = None
     faults: list[str] = []
     try:
@@ -59,6 +61,17 @@ def find_faults(path: str, overrides: list[str | Override]) -> list[str]:
     if config is not None and not of_dataset:
         faults += _faults_together(config)
     return faults + of_dataset
+
+
+def _live_faults(path: str, overrides: list[str | Override]) -> list[str]:
+    from panoloc_mcl.robot.map.panorama_map import PanoramaMap
+    from panoloc_mcl.tools.config.live import load_live_config
+
+    try:
+        PanoramaMap.load(load_live_config(path, overrides).map)
+    except PanolocError as error:
+        return list(error.faults)
+    return []
 
 
 def _dataset_faults(name: str) -> list[str]:

@@ -19,6 +19,7 @@ _COMMANDS = (
     "tools.cli.demo",
     "tools.cli.run",
     "tools.cli.convert",
+    "tools.cli.live",
     "laboratory.cli.simulate",
     "laboratory.cli.corrupt",
     "tools.cli.build_map",

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 # By name, since the laboratory stands above the tools.
 _MODELS = {
+    "live": ("panoloc_mcl.tools.config.live", "LiveConfig"),
     "run": ("panoloc_mcl.tools.config", "RunConfig"),
     "compare": ("panoloc_mcl.laboratory.comparison.matrix", "Matrix"),
     "simulate": ("panoloc_mcl.laboratory.simulation.settings", "SimulationConfig"),
@@ -42,7 +43,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def schema_text(kind: str) -> str:
-    """The schema of a configuration of ``panoloc run``, ``compare`` or ``simulate``."""
+    """The schema of a configuration of ``panoloc run``, ``live``, ``compare`` or ``simulate``."""
     from pydantic.json_schema import GenerateJsonSchema
 
     class Lenient(GenerateJsonSchema):

@@ -5,7 +5,7 @@ import pytest
 CONFIGS = Path(__file__).parents[3] / "configs"
 
 
-CHECKED = [path for path in sorted(CONFIGS.glob("*.yaml")) if not path.stem.startswith("compare_")]
+CHECKED = [path for path in sorted(CONFIGS.glob("*.yaml")) if not path.stem.startswith(("compare_", "live"))]
 
 
 @pytest.mark.parametrize("path", CHECKED, ids=lambda path: path.stem)
@@ -69,3 +69,10 @@ def test_nothing_is_written(panoloc, small_room, tmp_path):
     before = sorted(tmp_path.rglob("*"))
     panoloc("check", CONFIGS / "global.yaml", "--set", f"dataset={small_room}")
     assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_the_configuration_of_a_live_robot(panoloc):
+    done = panoloc("check", CONFIGS / "live.yaml", "--set", "map=nowhere.panomap")
+    assert done.code == 2
+    assert "no such map file" in done.err
+    assert "and not both" in panoloc("check", CONFIGS / "live.yaml", "--set", "input.video=0").err

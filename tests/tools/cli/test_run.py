@@ -125,7 +125,7 @@ def test_tracking_with_the_kalman_filter_stands_beside_the_paper(run_small):
 
 
 @pytest.mark.parametrize(
-    "name", sorted(path.stem for path in CONFIGS.glob("*.yaml") if not path.stem.startswith(("compare_", "simulate_")))
+    "name", sorted(path.stem for path in CONFIGS.glob("*.yaml") if not path.stem.startswith(("compare_", "simulate_", "live")))
 )
 def test_every_shipped_configuration_runs(name, panoloc, tmp_path):
     done = panoloc("run", CONFIGS / f"{name}.yaml", "--set", "sequences=[noon_00]", "--out", tmp_path)

@@ -9,7 +9,7 @@ from panoloc_mcl.tools.cli.schema import schema_text
 CONFIGS = Path(__file__).parents[3] / "configs"
 
 
-@pytest.mark.parametrize("kind", ["run", "compare", "simulate"])
+@pytest.mark.parametrize("kind", ["run", "compare", "simulate", "live"])
 def test_the_shipped_schema_is_the_printed_one(kind, panoloc):
     done = panoloc("schema", kind)
     assert done.code == 0

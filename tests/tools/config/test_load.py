@@ -50,7 +50,7 @@ def test_seed_zero_is_a_seed(write):
     assert load_config(write("seed: 3\n"), ["seed=0"]).seed == 0
 
 
-RUNS = [path for path in sorted(CONFIGS.glob("*.yaml")) if not path.stem.startswith(("compare_", "simulate_"))]
+RUNS = [path for path in sorted(CONFIGS.glob("*.yaml")) if not path.stem.startswith(("compare_", "simulate_", "live"))]
 
 
 @pytest.mark.parametrize("path", RUNS, ids=lambda path: path.stem)

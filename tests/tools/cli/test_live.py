@@ -1,0 +1,100 @@
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from panoloc_mcl.robot.map.panorama_map import PanoramaMap
+from panoloc_mcl.tools.cli.main import main
+from panoloc_mcl.tools.datasets import Dataset, read_dataset
+from panoloc_mcl.tools.datasets.recordings import sequence_of
+
+
+@pytest.fixture(scope="module")
+def setup(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Dataset]:
+    from oracles.furnished_room import build_room
+
+    from panoloc_mcl.robot.camera import PanoramaGeometry
+
+    folder = tmp_path_factory.mktemp("live")
+    grid = tuple((float(x), float(y)) for y in range(3) for x in range(4))
+    data = build_room(folder / "data", frames=12, geometry=PanoramaGeometry(90, 36, -50.0, 25.0), grid=grid, lights=("noon",))
+    dataset = read_dataset(data)
+    PanoramaMap.build(dataset).save(folder / "room.panomap")
+    (folder / "live.yaml").write_text(
+        f"map: {folder / 'room.panomap'}\ninput: {{recording: {data}, rate: 0}}\n"
+        f"state: {{file: {folder / 'state.npz'}, every_s: 0.1}}\n"
+    )
+    return folder, dataset
+
+
+def lines(text: str) -> list[dict]:
+    return [json.loads(line) for line in text.splitlines() if line.startswith("{")]
+
+
+def test_poses_come_out_and_what_was_seen_is_recorded(setup, tmp_path: Path, capsys) -> None:
+    folder, dataset = setup
+    drive = dataset.sequences["noon_00"]
+    record = tmp_path / "seen.mcap"
+    words = ["live", str(folder / "live.yaml"), "--record", str(record), "--set", f"state.file={tmp_path / 'state.npz'}"]
+    assert main(words) == 0
+    captured = capsys.readouterr()
+    answers = lines(captured.out)
+    assert len(answers) == len(drive)
+    errors = [np.hypot(*(np.array(line["pose"][:2]) - drive.groundtruth.at(line["timestamp"])[:2])) for line in answers]
+    assert np.median(errors) < 0.5
+    assert "12 images, 0 dropped" in captured.err
+    assert len(sequence_of(record, camera=drive.camera)) == len(drive)
+    assert (tmp_path / "state.npz").exists()
+    # The file that is there is not overwritten.
+    assert main(words) == 2
+    assert "cannot be written" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        ("input.video=7", "and not both"),
+        ("map=nowhere.panomap", "no such map file"),
+        ("input={video: nowhere.mp4}", "cannot be opened"),
+        ("input.sequence=noon_07", "did you mean 'noon_00'"),
+        ("output.foxglove.port=99999", "less than or equal to 65535"),
+    ],
+)
+def test_what_cannot_be_used_is_one_line(setup, override: str, said: str, capsys) -> None:
+    assert main(["live", str(setup[0] / "live.yaml"), "--set", override]) == 2
+    err = [line for line in capsys.readouterr().err.splitlines() if not line.startswith(("note", "[", "OpenCV"))]
+    assert said in err[-1]
+
+
+@pytest.mark.slow  # starts the program three times
+def test_killed_and_started_again_it_goes_on_where_it_was(setup) -> None:
+    folder, dataset = setup
+    drive = dataset.sequences["noon_00"]
+    command = [sys.executable, "-m", "panoloc_mcl", "live", str(folder / "live.yaml"), "--rate", "1"]
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[3]), "PYTHONUNBUFFERED": "1"}
+
+    def start() -> subprocess.Popen[str]:
+        return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
+
+    first = start()
+    answered = [json.loads(first.stdout.readline()) for _ in range(3)]
+    assert answered[-1]["status"] == "converged"
+    time.sleep(0.5)
+    first.kill()
+    first.wait()
+    second = start()
+    again = json.loads(second.stdout.readline())
+    # The recording begins anew, so its clock is set back; the first image is enough.
+    assert again["status"] == "converged"
+    assert np.hypot(*(np.array(again["pose"][:2]) - drive.groundtruth.at(again["timestamp"])[:2])) < 0.5
+    second.send_signal(signal.SIGTERM)
+    _, err = second.communicate(timeout=60)
+    assert second.returncode == 0
+    assert "goes on from" in err
+    assert "images" in err.splitlines()[-1]
