@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,12 +68,15 @@ class PoseMeasurement:
         and ahead (positive: right side down), radians.
     agreement : Agreement
         Between the image and the view synthesised at the pose.
+    of_map : float64 (3, 3), optional
+        The part of the covariance that is the map's: all images nearby err by the same. None by default.
     """
 
     pose: NDArray[np.float64]
     covariance: NDArray[np.float64]
     tilt: NDArray[np.float64]
     agreement: Agreement
+    of_map: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3, 3)))
 
     def relative_likelihood(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """Gaussian likelihood of poses (n, 3) relative to that of the measured pose: 1 there, float64 (n,)."""

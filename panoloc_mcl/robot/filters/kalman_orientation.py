@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.robot.filters.base import Start
 from panoloc_mcl.robot.filters.estimate import Cluster, FilterState, Status
+from panoloc_mcl.robot.filters.memory import Kept
 from panoloc_mcl.robot.geometry import angle_difference, wrap_angle
 from panoloc_mcl.robot.motion import Motion
 from panoloc_mcl.robot.observation.field import VoteField
@@ -30,6 +31,25 @@ Float64 = NDArray[np.float64]
 _SD_UNKNOWN = math.pi / math.sqrt(3.0)
 # Steps that are remembered for late images; far more than fall into the odometry that is kept.
 _MOST_STEPS = 1000
+
+
+_FORM = "kalman_orientation/2"
+
+
+@dataclass(frozen=True)
+class KalmanMemory(Kept):
+    """What a saved state keeps of the filter besides its steps; as its attributes are named."""
+
+    heading: float
+    sd_heading: float
+    clock: float
+    key: int
+    drawn: int
+    place: int
+    place_known: bool
+    has_converged: bool
+    place_votes: float
+    match: float
 
 
 @dataclass(frozen=True)
@@ -117,6 +137,10 @@ class KalmanOrientationFilter:
         A late image corrects the heading at its own time. Its place is where the robot was then, so it is only taken as long as no
         other is known.
         """
+        self._take_in(votes, offset)
+        self._has_converged |= self._is_sure
+
+    def _take_in(self, votes: VoteField, offset: Motion | None) -> None:
         if not votes.informative or votes.peak.votes <= 0.0:
             self._place_votes = self._match = math.nan
             return
@@ -197,7 +221,19 @@ class KalmanOrientationFilter:
     def snapshot(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """All that the next step depends on: arrays, and a header of plain values."""
         steps = np.array([astuple(step) for step in self._steps]).reshape(-1, 5)
-        return {"steps": steps, "base": np.array(self._base)}, {name: getattr(self, name) for name in _REMEMBERED}
+        memory = KalmanMemory(
+            heading=self.heading,
+            sd_heading=self.sd_heading,
+            clock=self._clock,
+            key=self._key,
+            drawn=self._drawn,
+            place=self._place,
+            place_known=self._place_known,
+            has_converged=self._has_converged,
+            place_votes=self._place_votes,
+            match=self._match,
+        )
+        return {"steps": steps, "base": np.array(self._base)}, memory.header(_FORM)
 
     def restore(self, arrays: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) -> None:
         """Take over what `snapshot` gave.
@@ -205,18 +241,25 @@ class KalmanOrientationFilter:
         Raises
         ------
         KeyError, ValueError
-            Something is missing, or of another shape.
+            Something is missing, of another form, or of another shape.
         """
-        values = {name: header[name] for name in _REMEMBERED}
-        if not 0 <= values["_place"] < len(self.places):
-            raise ValueError(f"place {values['_place']} of {len(self.places)}")
+        memory = KalmanMemory.of_header(header, _FORM)
+        if not 0 <= memory.place < len(self.places):
+            raise ValueError(f"place {memory.place} of {len(self.places)}")
         time, heading, sd = (float(value) for value in arrays["base"])
         steps = [_Step(*(float(value) for value in row)) for row in arrays["steps"]]
         self._base, self._steps = (time, heading, sd), steps
-        vars(self).update(values)
+        self.heading, self.sd_heading, self._clock = memory.heading, memory.sd_heading, memory.clock
+        self._key, self._drawn = memory.key, memory.drawn
+        self._place, self._place_known, self._has_converged = memory.place, memory.place_known, memory.has_converged
+        self._place_votes, self._match = memory.place_votes, memory.match
+
+    @property
+    def _is_sure(self) -> bool:
+        return self._place_known and math.degrees(self.sd_heading) < self.status_settings.converged_spread_deg
 
     def state(self) -> FilterState:
-        """The reported place with the filtered heading, as one cluster."""
+        """The reported place with the filtered heading, as one cluster; asking changes nothing."""
         position = self.places.positions[self._place]
         # Somewhere in the place's cell: a uniform distribution over one spacing.
         sd_position = self.places.spacing / math.sqrt(12.0)
@@ -228,15 +271,10 @@ class KalmanOrientationFilter:
             np.diag([sd_position**2, sd_position**2, self.sd_heading**2]),
             1.0,
         )
-        limits = self.status_settings
-        if self._place_known and cluster.spread_deg < limits.converged_spread_deg:
-            status = Status.CONVERGED
-            self._has_converged = True
-        else:
-            status = Status.LOST if self._has_converged else Status.SEARCHING
+        unsure = Status.LOST if self._has_converged else Status.SEARCHING
         return FilterState(
             clusters=(cluster,),
-            status=status,
+            status=Status.CONVERGED if self._is_sure else unsure,
             match=self._match,
             best_place=self.places.nearest_reference(position),
             best_place_votes=self._place_votes,
@@ -249,18 +287,3 @@ class KalmanOrientationFilter:
 
 def _predicted(heading: float, sd: float, step: _Step) -> tuple[float, float]:
     return float(wrap_angle(heading + step.turn)), min(math.sqrt(sd**2 + step.variance), _SD_UNKNOWN)
-
-
-# Of the filter, besides the steps.
-_REMEMBERED = (
-    "heading",
-    "sd_heading",
-    "_clock",
-    "_key",
-    "_drawn",
-    "_place",
-    "_place_known",
-    "_has_converged",
-    "_place_votes",
-    "_match",
-)

@@ -21,6 +21,8 @@ Float64 = NDArray[np.float64]
 _DEEPEST = 5.0
 # Votes change little from one degree to the next: so many headings are enough for the mean.
 _HEADINGS = 90
+# Votes that say nothing new still keep their shape.
+_LEAST_NEW = 1e-3
 _TINY = float(np.finfo(np.float64).tiny)
 
 
@@ -54,7 +56,15 @@ class Likelihood:
     uniform: float
 
     @classmethod
-    def of(cls, votes: VoteField, offset: Motion | None, gap: float, uniform: float, settings: MonteCarloSettings) -> Self:
+    def of(
+        cls,
+        votes: VoteField,
+        offset: Motion | None,
+        gap: float,
+        uniform: float,
+        settings: MonteCarloSettings,
+        new: float = 1.0,
+    ) -> Self:
         """As the settings have it.
 
         While particles lie far apart, each stands for all around it: the likelihood by the votes is blurred with the ``gap`` between

@@ -21,12 +21,16 @@ and third rows dual):
 
 So an image that contradicts the belief divides it in proportion k : d; the next one decides. Where the map is not calibrated,
 images do not know their doubt; then two running averages of how well they fit tell k (augmented MCL).
+
+Images in a row err alike: the measured pose is weighed for what is new about it (`filters/image_bias.py`), and votes for the share that
+the way driven makes new. An image that tells nothing new leaves the particles as they are, so standing still teaches nothing.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -34,26 +38,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.robot.filters.base import Start
-from panoloc_mcl.robot.filters.blocks import BLOCK, Blocks
-from panoloc_mcl.robot.filters.clusters import find_clusters, grid_of
-from panoloc_mcl.robot.filters.estimate import FilterState, Status
+from panoloc_mcl.robot.filters.blocks import BLOCK
+from panoloc_mcl.robot.filters.clusters import find_clusters
+from panoloc_mcl.robot.filters.estimate import Cluster, FilterState, Status
+from panoloc_mcl.robot.filters.image_bias import ImageBias, Seen, kept_share, new_share
 from panoloc_mcl.robot.filters.likelihood import Likelihood, Plan
-from panoloc_mcl.robot.filters.prior import Prior, uniform_density
-from panoloc_mcl.robot.filters.resampling import SCHEMES, adaptive_count, effective_count, normalise, normalised
+from panoloc_mcl.robot.filters.memory import Memory
+from panoloc_mcl.robot.filters.particle_set import ParticleSet, drawn_from
+from panoloc_mcl.robot.filters.prior import Prior, gaussian, uniform_density
 from panoloc_mcl.robot.filters.status import status_of
 from panoloc_mcl.robot.geometry import wrap_angle
-from panoloc_mcl.robot.kernels.particles import propagate
-from panoloc_mcl.robot.kernels.resampling import taken
 from panoloc_mcl.robot.kernels.weights import reweighted
 from panoloc_mcl.robot.motion import Motion
 from panoloc_mcl.robot.observation.field import VoteField
 from panoloc_mcl.robot.observation.places import Places
 from panoloc_mcl.robot.settings.localizer import MonteCarloSettings, StatusSettings
+from panoloc_mcl.robot.synthesis.spacing import usual_spacing
 
 Float64 = NDArray[np.float64]
 
+_FORM = "monte_carlo/2"
+
 # Share of the weight that particles drawn from the first image stand for, when nothing is known.
 _DRAWN_AT_START = 0.9
+# A hypothesis with this share of the weight stands alone: an image that tells nothing new of it has nothing to decide.
+_ALONE = 0.98
 _TINY = float(np.finfo(np.float64).tiny)
 
 
@@ -74,13 +83,8 @@ class MonteCarloFilter:
 
     Attributes
     ----------
-    poses : float64 (n, 3)
-        A view of rows x, y, heading, which is how the kernels want them. Steps change it, and the weights, in place: with a million
-        particles fresh memory costs as much as the work.
-    log_weights : float64 (n,)
-        Up to a constant.
-    weights : float64 (n,)
-        The same as shares of 1.
+    memory : Memory
+        All that is remembered besides the particles and the bias of the images.
     """
 
     def __init__(
@@ -89,73 +93,42 @@ class MonteCarloFilter:
         self.places = places
         self.settings = settings
         self.status_settings = status
-        self._key, self._step = int(rng.integers(2**63)), 0
-        self._blocks = Blocks(settings.threads)
-        self.poses = self._drawn_from(start)
-        self.log_weights, self.weights = np.empty(0), np.empty(0)
-        self._weigh_alike()
-        self._nothing_known = start.position is None and start.heading is None
-        self._has_converged = False
-        # Whether the last answer was that the pose is known; and where odometry led from it, until an image has been seen.
-        self._sure = False
-        self._expected: tuple[float, ...] | None = None
-        self._match = math.nan
-        self._match_slow = self._match_fast = math.nan
-        self._fit = math.nan
-        self._elsewhere = math.nan
-        self._votes: VoteField | None = None
-        self._place_votes = math.nan
-        self._effective = float(settings.particles)
-        self._resampled = False
-        self._injected = 0
+        nothing_known = start.position is None and start.heading is None
+        self.memory = Memory(int(rng.integers(2**63)), 0, nothing_known, float(settings.particles))
+        self._bias: ImageBias | None = None
+        self._answer: FilterState | None = None
+        self._set = ParticleSet(drawn_from(start, places, settings.particles, self._next_step()), settings.threads)
+
+    @property
+    def poses(self) -> Float64:
+        """Of the particles, float64 (n, 3)."""
+        return self._set.poses
+
+    @property
+    def log_weights(self) -> Float64:
+        """Up to a constant, float64 (n,)."""
+        return self._set.log_weights
+
+    @property
+    def weights(self) -> Float64:
+        """Shares of 1, float64 (n,)."""
+        return self._set.weights
 
     def _next_step(self) -> np.random.Generator:
         """Random numbers of the next step of the filter, whatever was drawn before."""
-        self._step += 1
-        return np.random.Generator(np.random.Philox(key=self._key, counter=[0, 0, 0, self._step]))
-
-    def _weigh_alike(self) -> None:
-        count = len(self.poses)
-        if len(self.weights) != count:
-            self.log_weights, self.weights = np.empty(count), np.empty(count)
-        self.log_weights.fill(0.0)
-        self.weights.fill(1.0 / count)
-
-    def _drawn_from(self, start: Start) -> Float64:
-        rng, count = self._next_step(), self.settings.particles
-        poses = np.empty((3, count)).T
-        if start.covariance is not None and start.position is not None:
-            mean = np.array([*start.position, start.heading or 0.0])
-            poses[:] = rng.multivariate_normal(mean, start.covariance, count, method="eigh")
-            poses[:, 2] = wrap_angle(poses[:, 2])
-            return poses
-        if start.position is None:
-            poses[:, :2] = self.places.sample_uniform(count, rng)
-        else:
-            poses[:, :2] = np.asarray(start.position) + rng.normal(0.0, start.sd_position, (count, 2))
-        if start.heading is None:
-            poses[:, 2] = rng.uniform(-np.pi, np.pi, count)
-        else:
-            poses[:, 2] = wrap_angle(start.heading + rng.normal(0.0, start.sd_heading, count))
-        return poses
+        self.memory = replace(self.memory, step=self.memory.step + 1)
+        return np.random.Generator(np.random.Philox(key=self.memory.key, counter=[0, 0, 0, self.memory.step]))
 
     def propagate(self, motion: Motion) -> None:
         """Move every particle by odometry with noise; without motion nothing changes at all."""
+        self.memory = replace(self.memory, way=self.memory.way + motion.distance)
         if not motion.stands:
+            self._answer = None
             self._move(self.poses, motion)
 
     def _move(self, poses: Float64, motion: Motion) -> Float64:
-        """Poses (n, 3) after a motion, each with noise of its own; in place."""
-        self._step += 1
-        parts = (motion.first_turn, motion.along, motion.across, motion.last_turn)
-        noise = (motion.sd_first_turn, motion.sd_along, motion.sd_across, motion.sd_last_turn)
-        particles = poses.T
-
-        def move(block: slice) -> None:
-            particles[:, block] = propagate(particles, *parts, *noise, self._key, self._step, block.start, block.stop)
-
-        self._blocks.each(move, len(poses))
-        return poses
+        self.memory = replace(self.memory, step=self.memory.step + 1)
+        return self._set.moved(poses, motion, self.memory.key, self.memory.step)
 
     def heading_hypotheses(self, offset: Motion | None) -> None:
         """Particles look at all headings."""
@@ -172,32 +145,64 @@ class MonteCarloFilter:
             For a late image: the motion from the particles' time to the image's, with its noise. The particles are weighed where
             they were then.
         """
-        self._votes, self._resampled, self._injected, self._expected = votes, False, 0, None
-        if not votes.informative:
-            self._match = math.nan
-            return
-        rng = self._next_step()
+        self._forget_last_image()
+        if votes.informative:
+            rng = self._next_step()
+            prior = self._predicted()
+            image = self._likelihood(votes, offset, prior)
+            fit = self._fit_of_particles(image, offset)
+            self._judge(fit)
+            image, seen = self._in_the_light_of_before(image, prior, offset)
+            plan = self._plan(image, seen)
+            if seen is not None and not seen.new and prior.clusters[0].mass > _ALONE:
+                explained = self._explained_without_news(image, prior, plan)
+            else:
+                explained = self._weigh_predicted(image, prior, plan, fit)
+                explained += self._draw(image, prior, plan, offset, fit, rng)
+                self._set.normalise()
+            self._judge_posterior(fit, plan, explained)
+            effective, resampled = self._set.resample(self.settings, rng)
+            self.memory = replace(self.memory, effective=effective, resampled=resampled)
+        self._remember(votes)
+
+    def _forget_last_image(self) -> None:
+        """What was true of the last answer is what was known before this one."""
+        last = self.memory
+        self.memory = replace(
+            last,
+            known=last.known or last.sure,
+            expected=None,
+            match=math.nan,
+            place_votes=math.nan,
+            resampled=False,
+            injected=0,
+        )
+
+    def _predicted(self) -> Prior:
+        """The hypotheses before the image; if the last answer was sure, where odometry led from it is remembered."""
         prior = Prior.of(self.poses, self.weights)
-        if self._sure:
+        if self.memory.sure:
             best = prior.clusters[0]
-            self._expected = (*best.pose.tolist(), best.spread_m, best.spread_deg)
-        image = Likelihood.of(votes, offset, prior.gap(len(self.poses)), self._uniform, self.settings)
-        fit = self._fit_of_particles(image, offset)
-        self._judge(fit)
-        plan = self._plan(image)
-        explained = self._weigh_predicted(image, prior, plan, fit)
-        explained += self._draw(image, prior, plan, offset, fit, rng)
-        normalise(self.log_weights, self.weights)
-        # How much more the image is explained by where odometry led than by anywhere else.
-        self._elsewhere = 0.0 if self._nothing_known else plan.elsewhere / (plan.elsewhere + explained)
-        self._nothing_known = False
-        self._judge_posterior(fit)
-        del fit
-        self._resample(rng)
+            self.memory = replace(self.memory, expected=(*best.pose.tolist(), best.spread_m, best.spread_deg))
+        return prior
+
+    def _likelihood(self, votes: VoteField, offset: Motion | None, prior: Prior) -> Likelihood:
+        """What the image says; votes only for as much as the way since the image before makes new."""
+        new, memory = 1.0, self.memory
+        if memory.seen is not None and self.settings.correlated:
+            way = math.hypot(*(votes.best_pose - np.array(memory.seen))[:2].tolist())
+            way = max(way, memory.way, 0.0 if offset is None else offset.distance)
+            new = new_share(way, self._spacing)
+        return Likelihood.of(votes, offset, prior.gap(len(self.poses)), self._uniform, self.settings, new)
 
     @cached_property
     def _uniform(self) -> float:
         return uniform_density(self.places)
+
+    @cached_property
+    def _spacing(self) -> float:
+        references = self.places.references
+        return usual_spacing(self.places.positions if references is None else references)
 
     def _fit_of_particles(self, image: Likelihood, offset: Motion | None) -> Float64:
         """Likelihood by the votes alone, float64 (n,), where the particles were when the image was taken."""
@@ -207,39 +212,37 @@ class MonteCarloFilter:
         def read(block: slice) -> None:
             out[block] = image.by_votes(seen_from[block])
 
-        self._blocks.each(read, len(seen_from))
+        self._set.blocks.each(read, len(seen_from))
         return out
 
-    def _judge(self, likelihood: Float64) -> None:
+    def _judge(self, fit: Float64) -> None:
         """How much of the best cell's likelihood the prediction explains, now and in the running averages."""
-        self._match = self._mean(likelihood)
-        if math.isnan(self._match_slow):
-            self._match_slow = self._match_fast = self._match
-            return
-        recovery = self.settings.recovery
-        self._match_slow += recovery.slow * (self._match - self._match_slow)
-        self._match_fast += recovery.fast * (self._match - self._match_fast)
+        memory, recovery, match = self.memory, self.settings.recovery, self._set.mean(fit)
+        slow = match if math.isnan(memory.match_slow) else memory.match_slow + recovery.slow * (match - memory.match_slow)
+        fast = match if math.isnan(memory.match_fast) else memory.match_fast + recovery.fast * (match - memory.match_fast)
+        self.memory = replace(memory, match=match, match_slow=slow, match_fast=fast)
 
-    def _judge_posterior(self, likelihood: Float64) -> None:
-        """Running share of the best votes that the belief explains once it has seen the image: low where images do not fit it.
+    def _in_the_light_of_before(self, image: Likelihood, prior: Prior, offset: Motion | None) -> tuple[Likelihood, Seen | None]:
+        """The image with its measured pose for what is new about it, and what became of the bias that images in a row share."""
+        measurement = image.votes.measurement
+        if image.measured is None or measurement is None:
+            return image, None
+        pose, covariance = image.measured
+        if self._bias is None or not self.settings.correlated:
+            self._bias = ImageBias.of_first(pose, covariance)
+            return image, None
+        way = self.memory.way + (0.0 if offset is None else offset.distance)
+        seen = self._bias.seen(prior.clusters[0], pose, covariance, kept_share(measurement, way, self._spacing))
+        self._bias = seen.bias
+        return replace(image, measured=(seen.pose, seen.covariance)), seen
 
-        Before the image a wide belief explains little, too, for instance after a long way without images.
-        """
-        fit = self._mean(likelihood)
-        self._fit = fit if math.isnan(self._fit) else self._fit + self.settings.recovery.fast * (fit - self._fit)
-
-    def _mean(self, values: Float64) -> float:
-        """Weighted mean over the particles."""
-        blocks = [slice(start, start + BLOCK) for start in range(0, len(self.weights), BLOCK)]
-        return float(sum(self.weights[block] @ values[block] for block in blocks))
-
-    def _plan(self, image: Likelihood) -> Plan:
+    def _plan(self, image: Likelihood, seen: Seen | None) -> Plan:
         """Chance that the robot is not where odometry led, before the image is seen, and who represents it."""
         recovery, count = self.settings.recovery, len(self.poses)
         from_pose = 0 if image.measured is None else int(self.settings.measured_share * count)
         if recovery.max_share == 0.0:
             return Plan(0.0, count - from_pose, from_pose, 0)
-        if self._nothing_known:
+        if self.memory.nothing_known:
             # What is predicted and what is drawn stand for the same; what is drawn does so better.
             elsewhere, share = _DRAWN_AT_START, recovery.max_share
         else:
@@ -247,6 +250,22 @@ class MonteCarloFilter:
             elsewhere = recovery.carried_off if image.calibrated else max(recovery.carried_off, share)
         from_votes = min(int(share * count), count - from_pose)
         return Plan(elsewhere, count - from_pose - from_votes, from_pose, from_votes)
+
+    def _injection_share(self) -> float:
+        memory, recovery = self.memory, self.settings.recovery
+        fallen = 1.0 - memory.match_fast / memory.match_slow if memory.match_slow > 0.0 else 1.0
+        share = min(max(fallen, recovery.min_share), recovery.max_share)
+        if fallen > 0.5 and share > recovery.min_share:
+            # The burst is on its way; judge it afresh instead of injecting for as long as the averages remember.
+            self.memory = replace(memory, match_fast=memory.match_slow)
+        return share
+
+    def _explained_without_news(self, image: Likelihood, prior: Prior, plan: Plan) -> float:
+        """How much an image is as predicted that tells nothing new."""
+        assert image.measured is not None
+        best = prior.clusters[0]
+        said = float(gaussian(best.pose[None], image.measured[0], image.measured[1] + best.covariance)[0]) / image.uniform
+        return (1.0 - plan.elsewhere) * ((1.0 - image.doubt) * said + image.doubt)
 
     def _weigh_predicted(self, image: Likelihood, prior: Prior, plan: Plan, fit: Float64) -> float:
         """Multiply the weights by the likelihood; returns its mean, with what is to be drawn counted out."""
@@ -261,7 +280,7 @@ class MonteCarloFilter:
             explained[block.start // BLOCK] = self.weights[block] @ values
             self.log_weights[block] = reweighted(self.log_weights[block], values, shift)
 
-        self._blocks.each(weigh, len(fit))
+        self._set.blocks.each(weigh, len(fit))
         return (1.0 - plan.elsewhere) * float(sum(explained))
 
     def _draw(
@@ -291,64 +310,51 @@ class MonteCarloFilter:
             as_predicted = right * (1.0 - plan.elsewhere) * plan.drawn_part(*image.at_measured(poses, prior))
             self.poses[where] = poses
             self.log_weights[where] = np.log(np.maximum((as_predicted + right * plan.elsewhere) * left, _TINY))
-            # They lie where the votes are best, as near as matters.
-            fit[where] = 1.0
+            fit[where] = image.by_votes(poses if offset is None else self._move(np.asarray(poses, order="F"), offset))
             explained = float(as_predicted.sum())
-        self._injected = drawn
+        self.memory = replace(self.memory, injected=drawn)
         return explained
 
-    def _injection_share(self) -> float:
-        recovery = self.settings.recovery
-        fallen = 1.0 - self._match_fast / self._match_slow if self._match_slow > 0.0 else 1.0
-        share = min(max(fallen, recovery.min_share), recovery.max_share)
-        if fallen > 0.5 and share > recovery.min_share:
-            # The burst is on its way; judge it afresh instead of injecting for as long as the averages remember.
-            self._match_fast = self._match_slow
-        return share
+    def _judge_posterior(self, likelihood: Float64, plan: Plan, explained: float) -> None:
+        """Whether odometry led here, and the running share of the best votes that the belief explains once it has seen the image.
 
-    def _resample(self, rng: np.random.Generator) -> None:
-        """Draw the particles that go on, if the weights have become too uneven, or more or fewer are wanted."""
-        settings, weights, count = self.settings, self.weights, len(self.weights)
-        self._effective = effective_count(weights)
-        draw = SCHEMES[settings.resampling.scheme]
-        wanted = count
-        if settings.adaptive.enabled:
-            survivors = np.ascontiguousarray(self.poses[draw(weights, count, rng)].T)
-            turns = max(1, round(360.0 / settings.adaptive.bin_deg))
-            wanted = adaptive_count(len(grid_of(survivors, settings.adaptive.bin_m, turns).occupied), settings.adaptive)
-        if wanted != count:
-            self.poses = self.poses.T.take(draw(weights, wanted, rng), axis=1).T
-        elif self._effective < settings.resampling.below * count:
-            chosen = draw(weights, count, rng)
-            for row in self.poses.T:
-                row[:] = taken(row, chosen)
-        else:
-            return
-        self._weigh_alike()
-        self._resampled = True
+        Before the image a wide belief explains little, too, for instance after a long way without images.
+        """
+        memory, fit = self.memory, self._set.mean(likelihood)
+        running = fit if math.isnan(memory.fit) else memory.fit + self.settings.recovery.fast * (fit - memory.fit)
+        # How much more the image is explained by where odometry led than by anywhere else.
+        elsewhere = 0.0 if memory.nothing_known else plan.elsewhere / (plan.elsewhere + explained)
+        self.memory = replace(memory, fit=running, elsewhere=elsewhere, nothing_known=False)
+
+    def _remember(self, votes: VoteField) -> None:
+        """What the next image needs to know of this one."""
+        clusters = find_clusters(self.poses, self.weights)
+        if votes.informative:
+            place_votes = float(votes.read(clusters[0].pose[None])[0])
+            seen = tuple(votes.best_pose.tolist())
+            self.memory = replace(self.memory, place_votes=place_votes, seen=seen, way=0.0)
+        self._answer = self._judged(clusters)
+        self.memory = replace(self.memory, sure=self._answer.status is Status.CONVERGED)
 
     def state(self) -> FilterState:
-        """Clusters, status and the figures behind it."""
-        clusters = find_clusters(self.poses, self.weights)
-        best = clusters[0]
-        status = status_of(clusters, self._fit, self._elsewhere, self._expected, self._has_converged, self.status_settings)
-        self._sure = status is Status.CONVERGED
-        self._has_converged |= self._sure
-        place = self.places.nearest_reference(best.pose[:2])
-        if self._votes is not None:
-            informative = self._votes.informative
-            self._place_votes = float(self._votes.read(best.pose[None])[0]) if informative else math.nan
+        """Clusters, status and the figures behind it; asking changes nothing."""
+        if self._answer is None:
+            self._answer = self._judged(find_clusters(self.poses, self.weights))
+        return self._answer
+
+    def _judged(self, clusters: tuple[Cluster, ...]) -> FilterState:
+        memory = self.memory
         return FilterState(
             clusters=clusters,
-            status=status,
-            match=self._match,
-            best_place=place,
-            best_place_votes=self._place_votes,
+            status=status_of(clusters, memory.fit, memory.elsewhere, memory.expected, memory.known, self.status_settings),
+            match=memory.match,
+            best_place=self.places.nearest_reference(clusters[0].pose[:2]),
+            best_place_votes=memory.place_votes,
             particle_count=len(self.poses),
-            injected=self._injected,
-            effective_count=self._effective,
-            resampled=self._resampled,
-            elsewhere=self._elsewhere,
+            injected=memory.injected,
+            effective_count=memory.effective,
+            resampled=memory.resampled,
+            elsewhere=memory.elsewhere,
         )
 
     def particles(self) -> tuple[Float64, Float64]:
@@ -357,40 +363,23 @@ class MonteCarloFilter:
 
     def snapshot(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """All that the next step depends on: arrays, and a header of plain values."""
-        return {"poses": self.poses, "log_weights": self.log_weights}, {name: getattr(self, name) for name in _REMEMBERED}
+        arrays = {"poses": self.poses, "log_weights": self.log_weights}
+        if self._bias is not None:
+            arrays["bias"] = self._bias.arrays()
+        return arrays, self.memory.header(_FORM)
 
     def restore(self, arrays: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) -> None:
-        """Take over what `snapshot` gave; the vote field of the last image is gone, the figures from it are not.
+        """Take over what `snapshot` gave.
 
         Raises
         ------
         KeyError, ValueError
-            Something is missing, or of another shape.
+            Something is missing, of another form, or of another shape.
         """
         poses, log_weights = arrays["poses"], arrays["log_weights"]
         if poses.ndim != 2 or poses.shape != (len(log_weights), 3) or len(poses) == 0 or not np.isfinite(poses).all():
             raise ValueError(f"poses of shape {poses.shape} do not fit {len(log_weights)} weights, or are not finite")
-        values = {name: header[name] for name in _REMEMBERED}
-        self.poses, self.log_weights, self._votes = np.array(poses.T, order="C").T, np.array(log_weights), None
-        self.weights = normalised(self.log_weights)
-        vars(self).update(values)
-
-
-# Of the filter, besides the particles.
-_REMEMBERED = (
-    "_key",
-    "_step",
-    "_nothing_known",
-    "_has_converged",
-    "_sure",
-    "_expected",
-    "_match",
-    "_match_slow",
-    "_match_fast",
-    "_fit",
-    "_elsewhere",
-    "_place_votes",
-    "_effective",
-    "_resampled",
-    "_injected",
-)
+        memory = Memory.of_header(header, _FORM)
+        bias = ImageBias.of_arrays(arrays["bias"]) if "bias" in arrays else None
+        self._set.restore(poses, log_weights)
+        self.memory, self._bias, self._answer = memory, bias, None

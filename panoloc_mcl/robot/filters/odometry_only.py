@@ -21,6 +21,8 @@ Float64 = NDArray[np.float64]
 # Of a heading of which nothing is known: a uniform distribution over the circle.
 _SD_UNKNOWN = math.pi / math.sqrt(3.0)
 
+_FORM = "odometry_only/2"
+
 
 class OdometryOnlyFilter:
     """A pose that odometry moves, and its covariance to first order.
@@ -83,7 +85,7 @@ class OdometryOnlyFilter:
 
     def snapshot(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Pose and covariance."""
-        return {"pose": self.pose, "covariance": self.covariance}, {}
+        return {"pose": self.pose, "covariance": self.covariance}, {"form": _FORM}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) -> None:
         """Take over what `snapshot` gave.
@@ -93,6 +95,8 @@ class OdometryOnlyFilter:
         KeyError, ValueError
             Something is missing, or of another shape.
         """
+        if header.get("form") != _FORM:
+            raise ValueError(f"the filter's state has the form {header.get('form')!r}, this version reads '{_FORM}'")
         pose, covariance = (np.asarray(arrays[name], dtype=np.float64) for name in ("pose", "covariance"))
         if pose.shape != (3,) or covariance.shape != (3, 3):
             raise ValueError(f"pose of shape {pose.shape}, covariance of shape {covariance.shape}")

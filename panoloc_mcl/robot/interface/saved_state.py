@@ -18,7 +18,7 @@ from panoloc_mcl.robot.locks import locked
 from panoloc_mcl.robot.motion import Anchor, ImageClock, OdometryBuffer
 from panoloc_mcl.robot.settings.config import LocalizerConfig
 
-FORMAT = "panoloc-state/5"
+FORMAT = "panoloc-state/6"
 
 Arrays = Mapping[str, NDArray[Any]]
 

@@ -30,7 +30,14 @@ from panoloc_mcl.robot.observation.sources import check_texture, sources_of
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.references import ReferencePanoramas
 from panoloc_mcl.robot.settings.observation import VotesSettings
-from panoloc_mcl.robot.synthesis import PoseRefiner, ViewSynthesizer, places_of, synthetic_features
+from panoloc_mcl.robot.synthesis import (
+    PoseRefiner,
+    SourceErrors,
+    ViewSynthesizer,
+    learn_source_errors,
+    places_of,
+    synthetic_features,
+)
 from panoloc_mcl.robot.synthesis.spacing import usual_spacing
 
 Float32 = NDArray[np.float32]
@@ -177,6 +184,8 @@ class VotesModel:
         if synthesizer is not None:
             most, threads = settings.calibration_references, _threads(settings)
             model.calibration = calibrate(model.held_out, references, most, progress, threads)
+            synthesizer.errors = learn_source_errors(synthesizer, settings, most, progress, threads)
+            model.notes += synthesizer.errors.notes
         return model
 
     @classmethod
@@ -189,6 +198,7 @@ class VotesModel:
         if "profiles" in arrays and references.camera_height_m is not None:
             profiles, alone = arrays["profiles"].astype(np.float64), arrays["alone"].astype(np.bool_)
             synthesizer = ViewSynthesizer(references, profiles, references.camera_height_m, alone)
+            synthesizer.errors = SourceErrors.of_array(arrays["source_errors"])
         return cls(
             _places(references, everywhere, settings, synthesizer),
             settings,
@@ -217,6 +227,7 @@ class VotesModel:
         if self._synthesizer is not None:
             kept["profiles"] = self._synthesizer.profiles.astype(np.float32)
             kept["alone"] = self._synthesizer.alone.astype(np.uint8)
+            kept["source_errors"] = self._synthesizer.errors.array()
         if self.calibration is not None:
             kept["calibration"] = self.calibration.array()
         return kept

@@ -185,6 +185,11 @@ class MonteCarloSettings(StrictModel):
         description="Chance that an image is wrong about the pose. Where the map is calibrated: the doubt of the image itself, if that "
         "is more.",
     )
+    correlated: bool = Field(
+        True,
+        description="Images in a row err alike: each counts for what the way driven since the one before makes new. false = every "
+        "image counts in full, for tests and comparisons.",
+    )
     annealing_m: NonNegative = Field(
         0.1,
         le=100.0,

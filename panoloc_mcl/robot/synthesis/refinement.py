@@ -158,7 +158,9 @@ class PoseRefiner:
             pose, tilt, equations = self._descended(planes, fine, *approached[index][:2])
             pose[2] = wrap_angle(pose[2])
             leaning = _turned(tilt, -float(pose[2]))
-            measured.append(PoseMeasurement(pose, self._covariance(equations), leaning, equations.agreement))
+            of_map = self._synthesizer.errors.covariance(*self.sources_at(pose[:2]))
+            covariance = self._covariance(equations) + of_map
+            measured.append(PoseMeasurement(pose, covariance, leaning, equations.agreement, of_map))
             if measured[-1].agreement.cosine >= sufficient:
                 break
         return max(measured, key=lambda one: one.agreement.cosine), agreements
@@ -202,15 +204,14 @@ class PoseRefiner:
 
     def _equations(self, query: Complex64, query_usable: Bool, position: Float64, step: Step) -> _Equations:
         """Normal equations against the views of the nearest references, the nearer the more."""
-        distances, indices = self._sources_around(position, step.sources)
+        weights, indices = self._weighted_sources(position, step.sources)
         rays = self._synthesizer.rays
         # Contiguous, as strided arrays would compile the kernel a second time.
         floor, tangents = (np.ascontiguousarray(part[:: step.stride]) for part in (rays.floor, rays.tangents))
         normal, right = np.zeros((5, 5)), np.zeros(5)
         residual = pixels = 0.0
-        weights = 1.0 / (distances + _NEAR_M)
         columns = np.zeros((3, query.shape[1]))
-        for weight, source in zip(weights / weights.sum(), indices, strict=True):
+        for weight, source in zip(weights, indices, strict=True):
             profile = self._synthesizer.profile_at(int(source), position)
             view, view_usable = self._view(int(source), position, profile, step)
             products = column_products(
@@ -231,12 +232,19 @@ class PoseRefiner:
             columns += products[-3:]
         return _Equations(normal, right, residual, pixels, Agreement.of_columns(*columns))
 
-    def _sources_around(self, position: Float64, count: int) -> tuple[Float64, NDArray[np.int64]]:
-        """The nearest references that views can be made from; beside one that stands alone, that one."""
-        distance, nearest = self._tree.query(position)
+    def sources_at(self, position: Float64) -> tuple[Float64, Float64]:
+        """Sources of the last views at a position (2,): weights (s,), and offsets from them to it (s, 2), metres."""
+        weights, indices = self._weighted_sources(position, self._settings.refinement.sources)
+        return weights, position - self._synthesizer.references.positions[indices]
+
+    def _weighted_sources(self, position: Float64, count: int) -> tuple[Float64, NDArray[np.int64]]:
+        """Weights and indices of the nearest references that views can be made from; beside one that stands alone, that one."""
+        _, nearest = self._tree.query(position)
         if self._synthesizer.alone[nearest]:
-            return np.array([distance]), np.array([nearest])
-        return self._synthesizer.sources_around(position, count)
+            return np.ones(1), np.array([nearest])
+        distances, indices = self._synthesizer.sources_around(position, count)
+        weights = 1.0 / (distances + _NEAR_M)
+        return weights / weights.sum(), indices
 
     def _view(self, source: int, position: Float64, profile: Float64, step: Step) -> tuple[Complex64, Bool]:
         if step.fine:

@@ -15,6 +15,7 @@ from panoloc_mcl.robot.camera import Panorama, PanoramaGeometry
 from panoloc_mcl.robot.eigenspace.gradients import pad_circular
 from panoloc_mcl.robot.kernels.warping import move_profile, warp_table
 from panoloc_mcl.robot.references import ReferencePanoramas
+from panoloc_mcl.robot.synthesis.source_errors import NONE, SourceErrors
 
 Float64 = NDArray[np.float64]
 Float32 = NDArray[np.float32]
@@ -66,6 +67,11 @@ class ViewSynthesizer:
     camera_height_m : float
     alone : bool (n,), optional
         References that no neighbour fits: views elsewhere are not made from them. None by default.
+
+    Attributes
+    ----------
+    errors : SourceErrors
+        What poses read off the views err by because of the references; nothing until it is learnt.
     """
 
     def __init__(
@@ -75,6 +81,7 @@ class ViewSynthesizer:
         self.profiles = profiles
         self.camera_height_m = camera_height_m
         self.alone = np.zeros(len(references), dtype=np.bool_) if alone is None else alone
+        self.errors: SourceErrors = NONE
         self.rays = FloorRays.of(references.geometry, camera_height_m)
         # Of a large map only those at hand; whoever goes from place to place needs the same ones again.
         # Not of a method, which would keep the synthesiser itself until the garbage is collected.

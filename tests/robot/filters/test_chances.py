@@ -135,9 +135,52 @@ def test_prediction_and_measured_pose_are_fused_as_normal_distributions_are(sd_m
     assert np.sqrt(np.median([np.diag(c) for c in covariances], axis=0)) == pytest.approx(sds, rel=0.35)
 
 
-def test_standing_still_sharpens_and_never_loses_itself() -> None:
+@pytest.mark.parametrize("seed", range(3))
+def test_standing_still_teaches_nothing_new(seed: int) -> None:
+    """The same view errs by the same: only what is fresh about an image averages out."""
+    rng, belief = np.random.default_rng(seed), a_filter(seed=seed)
+    sds = np.sqrt(np.diag(COVARIANCE))
+    bias = sds * rng.standard_normal(3)
+    spreads, off = [], []
+    for _ in range(200):
+        belief.propagate(STANDING)
+        belief.update(image_of(HERE + bias + 0.1 * sds * rng.standard_normal(3)))
+        state = belief.state()
+        assert state.status is Status.CONVERGED
+        spreads.append(state.clusters[0].spread_m)
+        off.append(np.hypot(*(state.clusters[0].pose - HERE - bias)[:2]))
+    assert spreads[-1] > 0.85 * sds[0]
+    assert max(spreads[1:]) < 1.3 * sds[0]
+    assert max(off[1:]) < 0.6 * sds[0]
+
+
+def test_a_drive_teaches_for_as_far_as_it_leads() -> None:
+    """Errors that vary along the way: the belief is as far off as it says; if images were taken to err each by itself, it is not."""
+    squares = {True: [], False: []}
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        beliefs = {correlated: a_filter(seed=seed, correlated=correlated) for correlated in squares}
+        sds, truth = np.sqrt(np.diag(COVARIANCE)), HERE.copy()
+        bias = sds * rng.standard_normal(3)
+        for _ in range(25):
+            # References stand a metre apart, so errors of the view are alike for two decimetres.
+            kept = np.exp(-0.01 / 0.2)
+            bias = kept * bias + np.sqrt(1.0 - kept**2) * sds * rng.standard_normal(3)
+            truth = compose(truth, np.array([0.01, 0.0, 0.0]))
+            for belief in beliefs.values():
+                belief.propagate(moved(0.01, 0.0, 0.0, 0.0005, 0.0002))
+                belief.update(image_of(truth + bias))
+        for correlated, belief in beliefs.items():
+            best = belief.state().clusters[0]
+            off = (best.pose - truth)[:2]
+            squares[correlated].append(off @ np.linalg.solve(best.covariance[:2, :2], off) / 2.0)
+    assert 0.3 < np.mean(squares[True]) < 2.0
+    assert np.mean(squares[False]) > 3.0
+
+
+def test_standing_still_images_that_err_each_by_itself_sharpen_and_never_lose_the_pose() -> None:
     """Measured poses err by more than they say, and prediction has no noise at all."""
-    rng, belief = np.random.default_rng(5), a_filter()
+    rng, belief = np.random.default_rng(5), a_filter(correlated=False)
     for _ in range(40):
         belief.propagate(STANDING)
         belief.update(image_of(HERE + 2.0 * np.sqrt(np.diag(COVARIANCE)) * rng.standard_normal(3)))

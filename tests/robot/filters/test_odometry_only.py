@@ -77,4 +77,6 @@ def test_standing_changes_nothing_and_a_state_can_be_restored():
     other.restore(*belief.snapshot())
     np.testing.assert_array_equal(other.pose, belief.pose)
     with pytest.raises(ValueError, match="shape"):
-        other.restore({"pose": np.zeros(2), "covariance": np.zeros((3, 3))}, {})
+        other.restore({"pose": np.zeros(2), "covariance": np.zeros((3, 3))}, {"form": "odometry_only/2"})
+    with pytest.raises(ValueError, match="form"):
+        other.restore(belief.snapshot()[0], {})
