@@ -198,7 +198,7 @@ class VotesModel:
         if "profiles" in arrays and references.camera_height_m is not None:
             profiles, alone = arrays["profiles"].astype(np.float64), arrays["alone"].astype(np.bool_)
             synthesizer = ViewSynthesizer(references, profiles, references.camera_height_m, alone)
-            synthesizer.errors = SourceErrors.of_array(arrays["source_errors"])
+            synthesizer.errors = SourceErrors.of_array(arrays.get("source_errors"))
         return cls(
             _places(references, everywhere, settings, synthesizer),
             settings,

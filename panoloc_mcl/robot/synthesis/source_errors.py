@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,9 +79,9 @@ class SourceErrors:
         )
 
     @classmethod
-    def of_array(cls, values: Float64) -> Self:
-        """What `array` gave; a guess where these are no standard deviations."""
-        values = np.asarray(values, dtype=np.float64)
+    def of_array(cls, values: NDArray[Any] | None) -> Self:
+        """What `array` gave; a guess where there is nothing, or these are no standard deviations."""
+        values = np.zeros(0) if values is None else np.asarray(values, dtype=np.float64)
         if values.shape != (7,) or not (np.isfinite(values).all() and (values >= 0.0).all()):
             return cls(UNKNOWN.of_pose, UNKNOWN.to_one_side, UNKNOWN.with_distance, 0)
         return cls(values[0:2], values[2:4], values[4:6], int(values[6]))
