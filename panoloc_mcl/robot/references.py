@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.robot.camera import Camera, Panorama, PanoramaGeometry, Unwrapper, geometry_of
 from panoloc_mcl.robot.errors import DatasetError
-from panoloc_mcl.robot.geometry import compose
+from panoloc_mcl.robot.geometry import compose, wrap_angle
 from panoloc_mcl.robot.images import ImageSource, read_image
 from panoloc_mcl.robot.progress import Progress, no_progress
 
@@ -34,6 +34,8 @@ class References:
         Their width and height.
     poses_of : str
         ``base`` or ``camera``.
+    sds : ndarray of float64, shape (n, 2), optional
+        Standard deviations of position (each axis, metres) and heading (radians); NaN where they are not known.
     """
 
     path: Path
@@ -42,6 +44,7 @@ class References:
     camera: Camera
     image_size: tuple[int, int]
     poses_of: Literal["base", "camera"] = "base"
+    sds: NDArray[np.float64] | None = None
 
     @property
     def base_headings(self) -> NDArray[np.float64]:
@@ -55,6 +58,29 @@ class References:
         if self.poses_of == "camera" or self.camera.mount is None:
             return np.ascontiguousarray(self.poses[:, :2])
         return np.ascontiguousarray(compose(self.poses, self.camera.mount.offset)[:, :2])
+
+    @property
+    def standpoints(self) -> NDArray[np.float64]:
+        """Where the camera stood, and the heading of the base: float64 (n, 3), what a panorama of the map shows."""
+        return np.column_stack([self.camera_positions, wrap_angle(self.base_headings)])
+
+    def moved_to(self, standpoints: NDArray[np.float64]) -> References:
+        """The same images with poses that give these standpoints (n, 3)."""
+        poses = np.array(standpoints, dtype=np.float64)
+        if self.poses_of == "camera":
+            poses[:, 2] = wrap_angle(poses[:, 2] + self.camera.mounting.yaw)
+        else:
+            poses = self.camera.mounting.base_poses(poses)
+        return replace(self, poses=poses)
+
+    def of(self, indices: NDArray[np.int64]) -> References:
+        """Some of the references."""
+        return replace(
+            self,
+            files=tuple(self.files[index] for index in indices),
+            poses=self.poses[indices],
+            sds=None if self.sds is None else self.sds[indices],
+        )
 
     def __len__(self) -> int:
         return len(self.files)

@@ -108,8 +108,8 @@ def data_digest(dataset: Dataset, config: RunConfig, whole: bool = False) -> str
     digest = hashlib.sha256(_references_digest(dataset).encode())
     for drive in dataset.select("all" if whole else config.sequences):
         digest.update(_drive_digest(drive).encode())
-    if config.map is not None:
-        digest.update(_content(config.map))
+    if config.map.file is not None:
+        digest.update(_content(config.map.file))
     return digest.hexdigest()
 
 
@@ -298,9 +298,9 @@ _MAPS: dict[MapKey, tuple[PanoramaMap, ObservationModel]] = {}
 
 def _key_of_map(cell: Cell, dataset: Dataset) -> MapKey:
     config = cell.config
-    source = _references_digest(dataset) if config.map is None else _content(config.map).hex()
+    source = _references_digest(dataset) if config.map.file is None else _content(config.map.file).hex()
     seed = config.seed if model_named(config.observation.model).draws else 0
-    return source, cell.method["references"], config.observation.model_dump_json(), seed
+    return source, cell.method["references"], config.observation.model_dump_json() + config.map.model_dump_json(), seed
 
 
 def _map(job: Job, dataset: Dataset) -> tuple[PanoramaMap, ObservationModel]:
@@ -310,10 +310,10 @@ def _map(job: Job, dataset: Dataset) -> tuple[PanoramaMap, ObservationModel]:
         while len(_MAPS) >= _MAPS_KEPT:
             _MAPS.pop(next(iter(_MAPS)))
         config = job.cell.config
-        if config.map is not None:
-            panorama_map = PanoramaMap.load(config.map)
+        if config.map.file is not None:
+            panorama_map = PanoramaMap.load(config.map.file)
         else:
             used = replace(dataset, references=thinned(dataset.references, job.cell.method["references"]))
-            panorama_map = cached_map(used, config.observation, config.seed)
+            panorama_map = cached_map(used, config.observation, config.seed, settings=config.map)
         _MAPS[key] = panorama_map, panorama_map.observation_model(config.observation)
     return _MAPS[key]

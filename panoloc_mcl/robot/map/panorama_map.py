@@ -21,10 +21,13 @@ from threadpoolctl import threadpool_limits
 from panoloc_mcl.robot.camera import Camera, PanoramaGeometry, Unwrapper, camera_from_mapping, to_mapping
 from panoloc_mcl.robot.errors import MapError, PanolocError
 from panoloc_mcl.robot.files import known_errors, write_atomically
+from panoloc_mcl.robot.map.keyframes import Keyframes
+from panoloc_mcl.robot.map.mending import mend
 from panoloc_mcl.robot.observation import ObservationModel, Places, build_settings, model_named
 from panoloc_mcl.robot.observation.base import Arrays
 from panoloc_mcl.robot.progress import Progress, no_progress
-from panoloc_mcl.robot.references import ReferencePanoramas, References, read_references
+from panoloc_mcl.robot.references import ReferencePanoramas, References
+from panoloc_mcl.robot.settings.map import MapSettings
 from panoloc_mcl.robot.settings.observation import ObservationSettings, all_observation_settings
 
 FORMAT = "panoloc-map/1"
@@ -63,6 +66,8 @@ class PanoramaMap:
         For models that draw random pixels.
     arrays : mapping of str to ndarray
         What that model precomputed.
+    keyframes : Keyframes
+        Poses of the references with covariances, and which see which.
     notes : tuple of str
         What the user should know of how the map turned out.
     """
@@ -74,6 +79,7 @@ class PanoramaMap:
     observation: ObservationSettings
     seed: int
     arrays: Arrays
+    keyframes: Keyframes
     notes: tuple[str, ...] = ()
 
     @classmethod
@@ -83,6 +89,7 @@ class PanoramaMap:
         observation: ObservationSettings | None = None,
         seed: int = 0,
         progress: Progress = no_progress,
+        settings: MapSettings | None = None,
     ) -> Self:
         """Build a map from the references of a data set.
 
@@ -94,6 +101,8 @@ class PanoramaMap:
             Which model to precompute, and how; the default model if left out.
         seed : int
         progress : callable (done, total, what)
+        settings : MapSettings, optional
+            How given poses are mended.
 
         Raises
         ------
@@ -101,12 +110,15 @@ class PanoramaMap:
             References that cannot be read or used; settings that ask for more than they give.
         """
         observation = observation or ObservationSettings()
-        references = read_references(dataset.references, progress)
+        source = dataset.references
         # One BLAS thread, so that the order of sums, and with it the map to the last bit, does not depend on the machine's cores.
         with threadpool_limits(1, user_api="blas"):
+            mended = mend(source, observation.votes, settings or MapSettings(), progress)
+            references = mended.panoramas
             model = model_named(observation.model).build(references, observation.selected, seed, progress)
-        source = dataset.references
-        return cls(dataset.name, references, source.camera, source.image_size, observation, seed, model.arrays(), model.notes)
+        notes = (*mended.notes, *model.notes)
+        made = (observation, seed, model.arrays(), mended.keyframes, notes)
+        return cls(dataset.name, references, source.camera, source.image_size, *made)
 
     @property
     def places(self) -> Places:
@@ -171,6 +183,7 @@ class PanoramaMap:
         tensors: dict[str, NDArray[Any]] = {
             "references.pixels": references.pixels,
             "references.positions": references.positions,
+            **{f"keyframes.{name}": np.ascontiguousarray(array) for name, array in self.keyframes.arrays().items()},
             **{f"model.{name}": np.ascontiguousarray(array) for name, array in self.arrays.items()},
         }
         if references.valid is not None:
@@ -183,6 +196,7 @@ class PanoramaMap:
             "image_size": list(self.image_size),
             "elevation_deg": [geometry.elevation_bottom_deg, geometry.elevation_top_deg],
             "files": list(references.names),
+            "keyframes": self.keyframes.header(),
             "observation": self.observation.model_dump(mode="json", include={"model", self.observation.model}),
             "seed": self.seed,
             "notes": list(self.notes),
@@ -241,9 +255,21 @@ class PanoramaMap:
             (header["image_size"][0], header["image_size"][1]),
             all_observation_settings().model_validate(header["observation"]),
             header["seed"],
-            {name.removeprefix("model."): array for name, array in tensors.items() if name.startswith("model.")},
+            _part(tensors, "model"),
+            _keyframes(references, _part(tensors, "keyframes"), header.get("keyframes")),
             tuple(str(note) for note in header.get("notes", ())),
         )
+
+
+def _part(tensors: dict[str, NDArray[Any]], name: str) -> dict[str, NDArray[Any]]:
+    return {key.removeprefix(f"{name}."): array for key, array in tensors.items() if key.startswith(f"{name}.")}
+
+
+def _keyframes(references: ReferencePanoramas, arrays: dict[str, NDArray[Any]], header: dict[str, Any] | None) -> Keyframes:
+    """Keyframes as a file has them; a map of an earlier version holds positions only."""
+    if header is None:
+        return Keyframes.surveyed(references.names, np.pad(references.positions, ((0, 0), (0, 1))))
+    return Keyframes.restored(references.names, arrays, header)
 
 
 def _kept(valid: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -122,6 +122,20 @@ class PoseRefiner:
         """
         return self.refine_best(z, usable, [pose])[0]
 
+    def polish(self, z: Complex64, usable: Bool, pose: Float64) -> PoseMeasurement:
+        """Refine a pose that is right to a few centimetres: by the last steps alone, as coarse ones might lead away from it.
+
+        Parameters
+        ----------
+        z, usable : complex64 and bool (rows, columns)
+            Features of the image (see `orientations`).
+        pose : float64 (3,)
+            Where to begin.
+        """
+        _, fine = _steps(self._settings.refinement, z.shape[1])
+        planes = {fine[0].sigma: _planes(z, usable, fine[0].sigma)}
+        return self._refined_to_the_end(planes, fine, np.array(pose, dtype=np.float64), np.zeros(2))
+
     def refine_best(
         self, z: Complex64, usable: Bool, poses: Iterable[Float64], sufficient: float = 1.0
     ) -> tuple[PoseMeasurement, list[float]]:
@@ -155,15 +169,19 @@ class PoseRefiner:
         agreements = [equations.agreement.cosine for *_, equations in approached]
         measured: list[PoseMeasurement] = []
         for index in np.argsort(agreements)[::-1][:_REFINED_TO_THE_END]:
-            pose, tilt, equations = self._descended(planes, fine, *approached[index][:2])
-            pose[2] = wrap_angle(pose[2])
-            leaning = _turned(tilt, -float(pose[2]))
-            of_map = self._synthesizer.errors.covariance(*self.sources_at(pose[:2]))
-            covariance = self._covariance(equations) + of_map
-            measured.append(PoseMeasurement(pose, covariance, leaning, equations.agreement, of_map))
+            measured.append(self._refined_to_the_end(planes, fine, *approached[index][:2]))
             if measured[-1].agreement.cosine >= sufficient:
                 break
         return max(measured, key=lambda one: one.agreement.cosine), agreements
+
+    def _refined_to_the_end(
+        self, planes: Mapping[float, Float32], fine: Sequence[Step], pose: Float64, tilt: Float64
+    ) -> PoseMeasurement:
+        pose, tilt, equations = self._descended(planes, fine, pose, tilt)
+        pose[2] = wrap_angle(pose[2])
+        leaning = _turned(tilt, -float(pose[2]))
+        of_map = self._synthesizer.errors.covariance(*self.sources_at(pose[:2]))
+        return PoseMeasurement(pose, self._covariance(equations) + of_map, leaning, equations.agreement, of_map)
 
     def _descended(
         self, planes: Mapping[float, Float32], steps: Sequence[Step], pose: Float64, tilt: Float64

@@ -98,7 +98,7 @@ def _faults_together(config: RunConfig) -> list[str]:
     faults: dict[str, None] = {}
     panorama_map = None
     try:
-        panorama_map = PanoramaMap.load(config.map) if config.map is not None else None
+        panorama_map = PanoramaMap.load(config.map.file) if config.map.file is not None else None
     except PanolocError as error:
         faults.update(dict.fromkeys(error.faults))
     try:
@@ -106,7 +106,7 @@ def _faults_together(config: RunConfig) -> list[str]:
         tasks = make_tasks(dataset, config)
     except PanolocError as error:
         return [*faults, *error.faults]
-    if config.map is None and not len(dataset.references):
+    if config.map.file is None and not len(dataset.references):
         faults[
             f"{dataset.path}: holds no references; set map to a map file, or references to {{from: SEQUENCE, every_m: 0.5}}"
         ] = None

@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from panoloc_mcl.robot.settings.config import LocalizerConfig
+from panoloc_mcl.robot.settings.map import MapSettings
 from panoloc_mcl.robot.settings.validation import StrictModel
 from panoloc_mcl.tools.config.recording import RecordingSettings, ReferencesSettings
 
@@ -40,8 +41,8 @@ class RunConfig(LocalizerConfig):
         None, description="References taken from a sequence with true poses; null = those of the data set."
     )
     sequences: Literal["all"] | list[str] = Field("all", description="`all`, or a list of names or globs such as `noon_*`.")
-    map: Path | None = Field(
-        None, description="A map file made by `panoloc build-map`; null = build from the references, cached."
+    map: MapSettings = Field(
+        default_factory=MapSettings, description="The map: a file, or how it is made. `map: FILE` alone names the file."
     )
     runs: Annotated[int, Field(ge=1, le=1_000_000)] = Field(
         1, description="How often each sequence is run, with seeds seed, seed + 1, …"

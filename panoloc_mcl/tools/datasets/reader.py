@@ -180,13 +180,15 @@ def _read_references(
     if not folder.is_dir():
         faults.append(f"{folder}: no such folder; add the reference images and their poses.csv")
         return None
-    table = read_image_table(folder / "poses.csv", ("x", "y", "theta"), None, faults, folder.parent)
+    table = read_image_table(folder / "poses.csv", ("x", "y", "theta"), None, faults, folder.parent, ("sd_xy", "sd_theta"))
     seen_by = _folder_camera(folder, camera, faults)
     size = _common_size(folder, table.files, faults) if table is not None else None
     if table is None or seen_by is None or size is None or not _fits(folder, seen_by, size, shared, faults):
         return None
     poses_of = info.references.poses_of if info is not None else "base"
-    return References(folder, table.files, table.numbers, seen_by, size, poses_of)
+    poses, sds = table.numbers[:, :3].copy(), table.numbers[:, 3:].copy()
+    known = sds if np.isfinite(sds).any() else None
+    return References(folder, table.files, poses, seen_by, size, poses_of, known)
 
 
 def _read_sequence(

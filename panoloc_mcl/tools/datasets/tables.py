@@ -27,7 +27,7 @@ class ImageTable:
     files : tuple of Path
         Paths of the images (folder of the table joined with the name in it).
     numbers : ndarray of float64, shape (n, number of columns)
-        In the order asked for.
+        In the order asked for; NaN where an optional one is not given.
     """
 
     files: tuple[Path, ...]
@@ -35,7 +35,12 @@ class ImageTable:
 
 
 def read_image_table(
-    path: Path, columns: tuple[str, ...], rising: str | None, faults: list[str], root: Path | None = None
+    path: Path,
+    columns: tuple[str, ...],
+    rising: str | None,
+    faults: list[str],
+    root: Path | None = None,
+    optional: tuple[str, ...] = (),
 ) -> ImageTable | None:
     """Read a CSV file with a column ``file`` and columns of numbers, in any order.
 
@@ -46,6 +51,8 @@ def read_image_table(
         The columns of numbers.
     rising : str or None
         A column that must strictly increase.
+    optional : tuple of str
+        Further columns of positive numbers, which may be missing or empty.
     faults : list of str
         Gets a line for every fault: missing file or column, unknown column, values that are no finite numbers, images that
         do not exist, are named twice or lie elsewhere, values that do not increase.
@@ -73,7 +80,7 @@ def read_image_table(
         faults.append(f"{path}:{reader.line_num}: not valid CSV ({error}); close the quotes")
         return None
     header = [name.strip() for name in (lines.pop(0)[1] if lines else [])]
-    found = _header_faults(path, header, ("file", *columns))
+    found = _header_faults(path, header, ("file", *columns), optional)
     if found:
         faults.extend(found)
         return None
@@ -90,6 +97,7 @@ def read_image_table(
             found.append(f"{where}: {len(fields)} values; must be {len(header)}: {','.join(header)}")
             continue
         row = [_number(fields[place[name]], name, where, found) for name in columns]
+        row += [_positive(fields[place[name]] if name in place else "", name, where, found) for name in optional]
         name = fields[place["file"]].strip()
         _check_file(path.parent, root or path.parent, name, where, first_line, line, found)
         files.append(path.parent / name)
@@ -122,10 +130,10 @@ def write_image_table(path: Path, header: tuple[str, ...], rows: Iterable[tuple[
     write_atomically(path, out.getvalue())
 
 
-def _header_faults(path: Path, header: list[str], needed: tuple[str, ...]) -> list[str]:
-    where, known = f"{path}:1", ",".join(needed)
+def _header_faults(path: Path, header: list[str], needed: tuple[str, ...], optional: tuple[str, ...]) -> list[str]:
+    where, known = f"{path}:1", ",".join((*needed, *optional))
     faults = [f"{where}: column '{name}' is missing; the first line must name {known}" for name in needed if name not in header]
-    faults += [f"{where}: unknown column '{name}'; known: {known}" for name in header if name not in needed]
+    faults += [f"{where}: unknown column '{name}'; known: {known}" for name in header if name not in (*needed, *optional)]
     faults += [f"{where}: column '{name}' is given twice; keep one" for name in sorted(set(header)) if header.count(name) > 1]
     return faults
 
@@ -138,6 +146,17 @@ def _number(text: str, name: str, where: str, faults: list[str]) -> float:
         return math.nan
     if not math.isfinite(value):
         faults.append(f"{where}: {name} = {text.strip()} is not finite; mend or drop this row")
+    return value
+
+
+def _positive(text: str, name: str, where: str, faults: list[str]) -> float:
+    """NaN for an empty cell."""
+    if not text.strip():
+        return math.nan
+    before = len(faults)
+    value = _number(text, name, where, faults)
+    if len(faults) == before and value <= 0.0:
+        faults.append(f"{where}: {name} = {text.strip()} must be above 0; leave it empty if it is not known")
     return value
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 
 import numpy as np
 
@@ -65,7 +64,7 @@ def thinned(references: References, part: str, source: str = "references:") -> R
     if len(kept) < 2:
         raise ConfigError(f"{source} {part}: leaves {len(kept)} of {len(references)} references; use a shorter distance")
     kept.sort()
-    return replace(references, files=tuple(references.files[index] for index in kept), poses=references.poses[kept])
+    return references.of(np.array(kept, dtype=np.int64))
 
 
 def _metres(part: str) -> float | None:

@@ -15,13 +15,20 @@ from panoloc_mcl.robot.map.panorama_map import FORMAT, PanoramaMap
 from panoloc_mcl.robot.observation import build_settings, model_named
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.settings.config import ObservationSettings
+from panoloc_mcl.robot.settings.map import MapSettings
 from panoloc_mcl.tools.datasets import Dataset
 from panoloc_mcl.tools.runs.source import OF_MAPS, source_digest
 
 _PEERS = "laboratory/peers/"
 
 
-def cached_map(dataset: Dataset, observation: ObservationSettings, seed: int, progress: Progress = no_progress) -> PanoramaMap:
+def cached_map(
+    dataset: Dataset,
+    observation: ObservationSettings,
+    seed: int,
+    progress: Progress = no_progress,
+    settings: MapSettings | None = None,
+) -> PanoramaMap:
     """The map of a data set: from the cache if it was built before, else built and kept.
 
     A cache that cannot be written costs a warning and the time to build, never the run.
@@ -33,7 +40,7 @@ def cached_map(dataset: Dataset, observation: ObservationSettings, seed: int, pr
     """
     # The name only helps people; it is free text and must not lead out of the folder.
     readable = re.sub(r"[^A-Za-z0-9_-]+", "_", dataset.name)[:40]
-    path = cache_folder() / "maps" / f"{readable}-{_key(dataset, observation, seed)}.panomap"
+    path = cache_folder() / "maps" / f"{readable}-{_key(dataset, observation, seed, settings or MapSettings())}.panomap"
     try:
         with known_errors(MapError, path):
             kept = path.is_file()
@@ -41,7 +48,7 @@ def cached_map(dataset: Dataset, observation: ObservationSettings, seed: int, pr
             return PanoramaMap.load(path)
     except MapError as error:
         warnings.warn(f"cached map left aside: {error}", RuntimeWarning, stacklevel=2)
-    built = PanoramaMap.build(dataset, observation, seed, progress)
+    built = PanoramaMap.build(dataset, observation, seed, progress, settings)
     try:
         built.save(path)
     except OutputError as error:
@@ -49,7 +56,7 @@ def cached_map(dataset: Dataset, observation: ObservationSettings, seed: int, pr
     return built
 
 
-def _key(dataset: Dataset, observation: ObservationSettings, seed: int) -> str:
+def _key(dataset: Dataset, observation: ObservationSettings, seed: int, settings: MapSettings) -> str:
     references, model = dataset.references, model_named(observation.model)
     digest = hashlib.sha256()
     description = {
@@ -57,6 +64,8 @@ def _key(dataset: Dataset, observation: ObservationSettings, seed: int) -> str:
         "code": source_digest((*OF_MAPS, *((_PEERS,) if model.__module__.startswith("panoloc_mcl.laboratory") else ()))),
         "camera": to_mapping(references.camera),
         "poses": references.poses.tolist(),
+        "sds": None if references.sds is None else references.sds.tolist(),
+        "map": settings.model_dump(mode="json", exclude={"file"}),
         "files": [file.name for file in references.files],
         **build_settings(observation),
         "seed": seed if model.draws else 0,

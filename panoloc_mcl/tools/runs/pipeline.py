@@ -171,7 +171,8 @@ def find_dataset(config: RunConfig) -> Dataset:
     """The data set or recordings that the configuration names, with references from one of its drives if it says so."""
     path = resolve_dataset(config.dataset)
     # Recordings that do not say which camera they are of are taken to be of the map's.
-    camera = PanoramaMap.load(config.map).camera if config.map is not None and not (path / "dataset.yaml").is_file() else None
+    file = config.map.file
+    camera = PanoramaMap.load(file).camera if file is not None and not (path / "dataset.yaml").is_file() else None
     dataset = read_dataset(path, config.recording, camera)
     if config.references is None:
         return dataset
@@ -182,13 +183,13 @@ def find_dataset(config: RunConfig) -> Dataset:
 
 def find_map(dataset: Dataset, config: RunConfig, monitor: Monitor) -> PanoramaMap:
     """The map that the configuration names, or that of the data set's references."""
-    if config.map is not None:
-        return PanoramaMap.load(config.map)
+    if config.map.file is not None:
+        return PanoramaMap.load(config.map.file)
     if not len(dataset.references):
         raise DatasetError(
             f"{dataset.path}: holds no references; set map to a map file, or references to {{from: SEQUENCE, every_m: 0.5}}"
         )
-    return cached_map(dataset, config.observation, config.seed, monitor.progress)
+    return cached_map(dataset, config.observation, config.seed, monitor.progress, config.map)
 
 
 def check_task(task: Task, panorama_map: PanoramaMap | None, config: RunConfig) -> None:

@@ -18,7 +18,7 @@ OF_MAPS = (
     "robot/geometry.py",
     "robot/images.py",
     "robot/kernels/",
-    "robot/map/panorama_map.py",
+    "robot/map/",
     "robot/observation/",
     "robot/references.py",
     "robot/synthesis/",

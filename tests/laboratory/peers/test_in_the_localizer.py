@@ -11,6 +11,7 @@ from panoloc_mcl.robot.camera import PanoramaCamera
 from panoloc_mcl.robot.filters import KalmanOrientationFilter, Start, Status
 from panoloc_mcl.robot.geometry import angle_difference
 from panoloc_mcl.robot.localizer import Localizer
+from panoloc_mcl.robot.map.keyframes import Keyframes
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.observation import MODELS, Places, VoteField, model_named
 from panoloc_mcl.robot.settings.config import ObservationSettings
@@ -34,7 +35,8 @@ def a_map(name: str, chosen: dict) -> PanoramaMap:
     observation = ObservationSettings.model_validate({"model": name, name: chosen})
     camera = PanoramaCamera.model_validate({"kind": "panorama", "elevation_deg": [-50.0, 25.0]})
     model = model_named(name).build(WORLD, observation.selected, 0)
-    return PanoramaMap("tiny", WORLD, camera, (COLUMNS, ROWS), observation, 0, model.arrays())
+    keyframes = Keyframes.surveyed(WORLD.names, np.pad(WORLD.positions, ((0, 0), (0, 1))))
+    return PanoramaMap("tiny", WORLD, camera, (COLUMNS, ROWS), observation, 0, model.arrays(), keyframes)
 
 
 def a_localizer(panorama_map: PanoramaMap, mode: str, initial: object) -> Localizer:

@@ -72,7 +72,8 @@ def test_a_mask_is_kept(tmp_path: Path) -> None:
     valid = np.ones((len(built.references), ROWS, COLUMNS), dtype=bool)
     valid[1:, -4:] = False
     references = type(built.references)(**{**vars(built.references), "valid": valid})
-    masked = PanoramaMap(built.name, references, built.camera, built.image_size, built.observation, 0, built.arrays)
+    made = (built.observation, 0, built.arrays, built.keyframes)
+    masked = PanoramaMap(built.name, references, built.camera, built.image_size, *made)
     masked.save(tmp_path / "m")
     assert np.array_equal(PanoramaMap.load(tmp_path / "m").references.valid, valid)
 

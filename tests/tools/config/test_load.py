@@ -27,7 +27,7 @@ def test_values_on_the_command_line_are_yaml(write):
     path = write("")
     config = load_config(path, ["sequences=[noon_00, 'evening_*']", "map=null", "localizer.gate.distance_m=1e-1"])
     assert config.sequences == ["noon_00", "evening_*"]
-    assert config.map is None
+    assert config.map.file is None
     assert config.localizer.gate.distance_m == 0.1
 
 
@@ -90,3 +90,12 @@ def test_whatever_the_data_it_is_a_config_or_its_faults(data):
         faults = error.faults
     assert faults
     assert all(fault.startswith("configuration: ") and "\n" not in fault for fault in faults)
+
+
+def test_a_map_is_named_by_its_path_alone_or_with_how_it_is_made(write):
+    assert load_config(write("map: hall.panomap\n")).map.file == Path("hall.panomap")
+    assert load_config(write(""), ["map=hall.panomap"]).map.file == Path("hall.panomap")
+    config = load_config(write("map: {mend: false, sd_xy_m: 0.05}\n"))
+    assert config.map.file is None
+    assert not config.map.mend
+    assert config.map.sd_xy_m == 0.05

@@ -50,6 +50,11 @@ FAULTS: list[tuple[Callable[[Path], None], str, list[str]]] = [
     (replace("references/poses.csv", "1.0,0.0,0.0", "nan,0.0,0.0"), "poses.csv:3", ["x = nan", "mend or drop"]),
     (replace("references/poses.csv", "1.0,0.0,0.0", "one,0.0,0.0"), "poses.csv:3", ["x = 'one' is not a number"]),
     (replace("references/poses.csv", "1.0,0.0,0.0", "1.0,0.0"), "poses.csv:3", ["3 values; must be 4"]),
+    (
+        lambda room: (room / "references/poses.csv").write_text("file,x,y,theta,sd_xy\nref_000.png,0,0,0,-1\n") and None,
+        "poses.csv:2",
+        ["sd_xy = -1", "above 0"],
+    ),
     (replace("references/poses.csv", "ref_001", "ref_000"), "poses.csv:3", ["ref_000.png is already in line 2", "keep one"]),
     (replace("references/poses.csv", "ref_001", "ref_009"), "poses.csv:3", ["ref_009.png: no such file", "drop this row"]),
     (lambda room: (room / "references/poses.csv").unlink(), "references/poses.csv", ["no such file", "file, x, y, theta"]),
@@ -136,6 +141,15 @@ def test_a_folder_may_have_its_own_camera(room: Path) -> None:
 def test_columns_in_any_order_and_a_byte_order_mark(room: Path) -> None:
     (room / "references/poses.csv").write_text("\ufefftheta, file, y, x\n0.5, ref_000.png, 2, 1\n\n", encoding="utf-8")
     assert np.array_equal(read_dataset(room).references.poses, [[1.0, 2.0, 0.5]])
+
+
+def test_standard_deviations_of_poses_are_optional(room: Path) -> None:
+    assert read_dataset(room).references.sds is None
+    table = "file,x,y,theta,sd_theta,sd_xy\nref_000.png,0,0,0,0.1,0.02\nref_001.png,1,0,0,,0.05\n"
+    (room / "references/poses.csv").write_text(table)
+    sds = read_dataset(room).references.sds
+    assert sds is not None
+    np.testing.assert_array_equal(sds, [[0.02, 0.1], [0.05, np.nan]])
 
 
 def test_select(room: Path) -> None:

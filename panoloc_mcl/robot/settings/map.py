@@ -1,0 +1,47 @@
+"""Settings of the map: where it is, and how it is made."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field, GetJsonSchemaHandler, model_validator
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
+
+from panoloc_mcl.robot.settings.validation import StrictModel
+
+Positive = Annotated[float, Field(gt=0.0)]
+
+
+class MapSettings(StrictModel):
+    """The map: a file, or how it is made of references or of drives. A path alone, `map: FILE`, names the file."""
+
+    file: Path | None = Field(
+        None, description="A map file made by `panoloc build-map`; null = build from the references, cached."
+    )
+    mend: bool = Field(
+        True,
+        description="Whether the poses of references are mended by what their images say of each other. Needs the camera's height.",
+    )
+    sd_xy_m: Positive | None = Field(
+        None,
+        le=100.0,
+        description="Standard deviation of the given x and y, m; null = estimated. Columns `sd_xy`, `sd_theta` of poses.csv beat it.",
+    )
+    sd_theta_deg: Positive | None = Field(
+        None, le=180.0, description="Standard deviation of the given headings, degrees; null = estimated."
+    )
+    neighbours: Annotated[int, Field(ge=2, le=32)] = Field(6, description="Keyframes that each one is measured against.")
+    rounds: Annotated[int, Field(ge=1, le=20)] = Field(
+        4, description="Rounds of depths, relative poses and pose graph at most; they end when nothing moves."
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _path_alone(cls, data: Any) -> Any:
+        return data if isinstance(data, dict) else {"file": data}
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        return {"anyOf": [handler(core_schema), {"type": "string", "format": "path"}, {"type": "null"}]}

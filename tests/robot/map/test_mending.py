@@ -1,0 +1,95 @@
+"""Mending of poses on the small room, whose references' poses are known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from panoloc_mcl.robot.geometry import between, compose, wrap_angle
+from panoloc_mcl.robot.map.keyframes import Keyframes
+from panoloc_mcl.robot.map.mending import Mended, mend, robot_edges
+from panoloc_mcl.robot.map.pairs import PairMeasurements, neighbour_pairs
+from panoloc_mcl.robot.settings.map import MapSettings
+from panoloc_mcl.robot.settings.observation import VotesSettings
+from panoloc_mcl.tools.datasets import Dataset
+
+QUICK = VotesSettings()
+
+
+def mended(dataset: Dataset, poses: np.ndarray, **settings: object) -> Mended:
+    return mend(replace(dataset.references, poses=poses), QUICK, MapSettings(file=None, **settings))
+
+
+def aligned_errors(found: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    a, b = found[:, :2] - found[:, :2].mean(axis=0), truth[:, :2] - truth[:, :2].mean(axis=0)
+    u, _, v = np.linalg.svd(a.T @ b)
+    return np.hypot(*(a @ (u @ np.diag([1.0, np.sign(np.linalg.det(u @ v))]) @ v) - b).T)
+
+
+def test_measurements_between_panoramas_become_relative_poses_of_the_robot():
+    rng = np.random.default_rng(0)
+    robots = np.column_stack([rng.uniform(-3, 3, (6, 2)), rng.uniform(-3, 3, 6)])
+    thought = robots[:, 2] + rng.normal(0.0, 0.1, 6)
+    panoramas = np.column_stack([robots[:, :2], wrap_angle(robots[:, 2] - thought)])
+    pairs = neighbour_pairs(robots[:, :2], 3, 10.0)
+    relative = between(panoramas[pairs[:, 0]], panoramas[pairs[:, 1]])
+    covariances = np.broadcast_to(np.diag([4e-4, 1e-4, 1e-6]), (len(pairs), 3, 3))
+    edges = robot_edges(PairMeasurements(pairs, relative, covariances, np.ones(len(pairs))), thought, 0.5)
+    np.testing.assert_allclose(edges.measured, between(robots[edges.first], robots[edges.second]), atol=1e-9)
+    # The long axis of the ellipse lies along x of the source's panorama.
+    for first, covariance in zip(edges.first, edges.covariances, strict=True):
+        long = np.linalg.eigh(covariance[:2, :2])[1][:, 1]
+        there = compose([0.0, 0.0, -thought[first]], [1.0, 0.0, 0.0])[:2]
+        assert abs(float(long @ there)) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_exact_poses_stay_as_they_are(small_room: Dataset):
+    truth = small_room.references.poses
+    result = mended(small_room, truth)
+    np.testing.assert_array_equal(result.source.poses, truth)
+    assert result.notes == ()
+    assert len(result.keyframes.edges) > 2 * len(truth)
+
+
+@pytest.mark.slow
+def test_disturbed_poses_are_mended(small_room: Dataset):
+    rng = np.random.default_rng(0)
+    truth = small_room.references.poses
+    given = truth + rng.standard_normal(truth.shape) * [0.05, 0.05, np.radians(2.0)]
+    result = mended(small_room, given)
+    before, after = aligned_errors(given, truth), aligned_errors(result.source.poses, truth)
+    assert np.median(after) < 0.4 * np.median(before)
+    assert np.median(np.abs(wrap_angle(result.source.poses[:, 2] - truth[:, 2] - np.mean(given[:, 2])))) < np.radians(1.0)
+    assert "mended" in result.notes[0]
+
+
+@pytest.mark.slow
+def test_swapped_rows_are_named_and_placed_anew_or_left_out(small_room: Dataset):
+    truth = small_room.references.poses
+    given = truth.copy()
+    given[[0, 6]] = given[[6, 0]]
+    result = mended(small_room, given)
+    names = [file.name for file in small_room.references.files]
+    said = "\n".join(result.notes)
+    for index in (0, 6):
+        assert names[index] in said
+        if names[index] in result.keyframes.names:
+            place = result.keyframes.names.index(names[index])
+            assert np.hypot(*(result.source.poses[place] - truth[index])[:2]) < 0.1
+
+
+def test_mending_can_be_switched_off(small_room: Dataset):
+    given = small_room.references.poses + np.array([0.03, 0.0, 0.0])
+    result = mended(small_room, given, mend=False)
+    np.testing.assert_array_equal(result.source.poses, given)
+    assert len(result.keyframes.edges) == 0
+
+
+def test_keyframes_are_kept_as_they_are():
+    rng = np.random.default_rng(0)
+    keyframes = Keyframes.surveyed(("a", "b", "c"), rng.standard_normal((3, 3)), np.full((3, 2), 0.1))
+    kept = Keyframes.restored(keyframes.names, keyframes.arrays(), keyframes.header())
+    np.testing.assert_array_equal(kept.poses, keyframes.poses)
+    np.testing.assert_allclose(kept.sds, 0.1)
+    with pytest.raises(ValueError, match="poses"):
+        Keyframes.restored(("a", "b"), keyframes.arrays() | {"given": keyframes.given[:2]}, keyframes.header())
