@@ -58,7 +58,7 @@ def study(
     for condition in conditions:
         parse_recipe(condition)
     dataset = read_dataset(resolve_dataset(config.dataset))
-    model = cached_map(dataset, config.observation, config.seed, progress).observation_model(config.observation)
+    model = cached_map(dataset, config.observation, config.seed, progress, config.map).observation_model(config.observation)
     calibration = model.calibration if isinstance(model, VotesModel) else None
     if calibration is None:
         raise ConfigError("observation.votes.calibration_references: this map learns no confidence; see CONFIGURATION.md")
@@ -94,7 +94,7 @@ def study(
 def judged(config: RunConfig, foreign: str | None, every: int, condition: str) -> list[Judgement]:
     """All images of a condition."""
     dataset = read_dataset(resolve_dataset(config.dataset))
-    panorama_map = cached_map(dataset, config.observation, config.seed)
+    panorama_map = cached_map(dataset, config.observation, config.seed, settings=config.map)
     model, viewer = panorama_map.observation_model(config.observation), Viewer(panorama_map)
     recipe = None
     frames = frames_of(dataset, every, config.sequences)

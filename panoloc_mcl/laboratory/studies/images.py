@@ -57,7 +57,7 @@ def study(
     frames = frames_of(dataset, every, config.sequences)
     kept = thinned(dataset.references, references, "--references")
     used, errors = (kept, "") if disturb is None else disturbed(kept, *disturb, config.seed)
-    panorama_map = cached_map(replace(dataset, references=used), config.observation, config.seed, progress)
+    panorama_map = cached_map(replace(dataset, references=used), config.observation, config.seed, progress, config.map)
     model, viewer = panorama_map.observation_model(config.observation), Viewer(panorama_map)
     truly = kept.poses[:, :2]
     groups: dict[str, list[Observed]] = {}
