@@ -6,13 +6,14 @@ light of the same shape. Angles are in degrees, so a severity means the same at 
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
-from scipy.ndimage import gaussian_filter, uniform_filter1d
+from scipy.ndimage import convolve1d, gaussian_filter
 
 from panoloc_mcl.laboratory.corruptions.draft import GAMMA, Float32, View
 from panoloc_mcl.robot.settings.validation import StrictModel
@@ -44,11 +45,11 @@ class MotionBlur(StrictModel):
     def __call__(self, light: Float32, view: View) -> Float32:
         """Mean over the turn."""
         if view.sight.goes_round:
-            # The mean over a width that is not whole: between those over the whole widths around it.
-            width = max(1.0, self.degrees * view.sight.pixels_per_degree)
-            low = int(width)
-            near, far = (uniform_filter1d(light, size, axis=1, mode="wrap") for size in (low, low + 1))
-            return np.asarray(near + np.float32(width - low) * (far - near), dtype=np.float32)
+            half = 0.5 * max(1.0, self.degrees * view.sight.pixels_per_degree)
+            columns = np.arange(-math.ceil(half - 0.5), math.ceil(half - 0.5) + 1)
+            # Those at the ends are covered in part.
+            weights = np.clip(half + 0.5 - np.abs(columns), 0.0, 1.0)
+            return np.asarray(convolve1d(light, weights / weights.sum(), axis=1, mode="wrap"), dtype=np.float32)
         turns = np.radians(np.linspace(-0.5, 0.5, max(2, round(self.degrees * _TURNS_PER_DEGREE))) * self.degrees)
         parts = [view.sight.sample(light, view.sight.azimuth + turn, view.sight.elevation) for turn in turns]
         return np.asarray(np.mean([part.reshape(light.shape) for part in parts], axis=0), dtype=np.float32)

@@ -160,6 +160,14 @@ def test_motion_blur_is_the_mean_over_the_columns_that_the_camera_turns_by():
     light = a_light()
     found = the_use("motion_blur:strong,degrees=9")(light, a_view())
     np.testing.assert_allclose(found, np.mean([np.roll(light, k, axis=1) for k in (-1, 0, 1)], axis=0), atol=1e-6)
+    # An even width takes half of the columns at its ends, so that nothing moves.
+    for degrees in (5.0, 6.0, 24.0):
+        spot = np.zeros((50, 120, 1), dtype=np.float32)
+        spot[:, 60] = 1.0
+        blurred = the_use(f"motion_blur:mild,degrees={degrees}")(spot, a_view())[20, :, 0]
+        assert blurred.sum() == pytest.approx(1.0, abs=1e-6)
+        assert blurred @ np.arange(120) == pytest.approx(60.0, abs=1e-5)
+        assert (blurred > 1e-9).sum() == 2 * np.ceil(0.5 * (degrees / 3.0 - 1.0)) + 1
     raw = a_light((240, 240))
     turned = the_use("motion_blur:strong,degrees=9")(raw, a_view(OMNI, (240, 240)))
     assert np.isfinite(turned).all()
