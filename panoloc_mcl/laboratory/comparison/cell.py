@@ -80,8 +80,9 @@ def make_job(cell: Cell, dataset: Dataset) -> Job:
     data = data_digest(dataset, cell.config, whole=recipe.changes_data)
     settings = cell.config.model_dump(mode="json")
     # Where things lie and how many threads work changes no figure.
-    for name in ("name", "dataset", "out", "map"):
+    for name in ("name", "dataset", "out"):
         settings.pop(name)
+    settings["map"].pop("file")
     settings["localizer"]["monte_carlo"].pop("threads")
     description = {
         "format": FORMAT,
@@ -273,7 +274,9 @@ def _content(path: ImageSource) -> bytes:
 def _references_digest(dataset: Dataset) -> str:
     references = dataset.references
     digest = hashlib.sha256(json.dumps(to_mapping(references.camera), sort_keys=True).encode())
-    digest.update(references.poses.tobytes())
+    digest.update(references.poses.tobytes() + references.poses_of.encode())
+    if references.sds is not None:
+        digest.update(references.sds.tobytes())
     return _with_files(digest.hexdigest(), references.files)
 
 

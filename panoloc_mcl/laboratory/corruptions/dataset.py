@@ -86,7 +86,7 @@ class _Pictures:
         writer = DatasetWriter(path, dataset.name, references.camera, said, dataset.licence, poses_of=draft.poses_of)
         names = self._names(references, "ref_{:03d}", of_references=True)
         images = self._images(references, path / "references", names, of_references=True)
-        writer.add_references(images, references.claimed, references.camera, names)
+        writer.add_references(images, references.claimed, references.camera, names, references.sds)
         for name, drive in draft.drives.items():
             names = self._names(drive, "images/f{:03d}", of_references=False)
             images = self._images(drive, path / "sequences" / name, names, of_references=False)

@@ -98,6 +98,8 @@ class Folder:
         As it will be claimed to be.
     claimed : float64 (n, 3)
         References: poses as they will be written.
+    sds : float64 (n, 2) or None
+        References: what is said of their errors, metres and radians.
     odometry, groundtruth : Trajectory or None
         Of a drive.
     disturbances : list of (name, Disturbance)
@@ -109,6 +111,7 @@ class Folder:
     size: tuple[int, int]
     camera: AnyCamera
     claimed: Float64 = field(default_factory=lambda: np.zeros((0, 3)))
+    sds: Float64 | None = None
     odometry: Trajectory | None = None
     groundtruth: Trajectory | None = None
     disturbances: list[tuple[str, Disturbance]] = field(default_factory=list)
@@ -154,6 +157,7 @@ def draft_of(dataset: Dataset, wanted: Collection[str] | None = None) -> Draft:
         source.image_size,
         source.camera,
         claimed=source.poses.copy(),
+        sds=source.sds,
     )
     drives = {}
     for name, drive in dataset.sequences.items():

@@ -191,7 +191,7 @@ def parse_recipe(text: str) -> Recipe:
         ``bars:0.7``, ``bars:0.7,count=2+noise:3``, ``spatial_light``. Or names of ``IMPERFECTIONS``, each with its level, and values
         that it has instead: ``body:strong``, ``body:strong,strut_deg=30+jpeg:mild``; with ``where=references`` or ``where=drives``
         they disturb only these images. Or ``everything:mild``, ``everything:strong``. With ``+told`` the data set says what can be
-        known: mask, mount, the clocks' difference, and a camera that is calibrated. Or ``clean``.
+        known: mask, mount, the clocks' difference, how well references were surveyed, and a camera that is calibrated. Or ``clean``.
 
     Raises
     ------

@@ -81,6 +81,7 @@ class Doubled(StrictModel):
         again = references.claimed[chosen]
         again = again + np.pad(rng.normal(0.0, self.apart_m, (len(chosen), 2)), ((0, 0), (0, 1)))
         references.claimed = np.concatenate([references.claimed, again])
+        references.sds = None if references.sds is None else np.concatenate([references.sds, references.sds[chosen]])
         references.shots += [replace(references.shots[index], copy=1) for index in chosen]
 
 
@@ -98,7 +99,9 @@ class Standing(StrictModel):
             (index, copy) for index in range(len(references.shots)) for copy in range(self.images if index in stops else 1)
         ]
         references.shots = [replace(references.shots[index], copy=copy) for index, copy in order]
-        references.claimed = references.claimed[[index for index, _ in order]]
+        indices = [index for index, _ in order]
+        references.claimed = references.claimed[indices]
+        references.sds = None if references.sds is None else references.sds[indices]
 
 
 class PoseNoise(StrictModel):
@@ -112,6 +115,10 @@ class PoseNoise(StrictModel):
         claimed = draft.references.claimed
         errors = rng.standard_normal(claimed.shape) * (self.xy_m, self.xy_m, math.radians(self.theta_deg))
         draft.references.claimed = _added(claimed, errors)
+
+    def tell(self, draft: Draft) -> None:
+        """Say how well the poses are known."""
+        draft.references.sds = np.tile([self.xy_m, math.radians(self.theta_deg)], (len(draft.references.claimed), 1))
 
 
 class PoseDrift(StrictModel):

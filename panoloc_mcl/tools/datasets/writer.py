@@ -8,7 +8,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from panoloc_mcl.robot.camera.spec import AnyCamera, to_mapping
 from panoloc_mcl.robot.errors import DatasetError, ImageError
@@ -68,6 +68,7 @@ class DatasetWriter:
         poses: ArrayLike,
         camera: AnyCamera | None = None,
         names: Iterable[str] | None = None,
+        sds: ArrayLike | None = None,
     ) -> None:
         """Write the reference images and ``poses.csv``.
 
@@ -80,6 +81,8 @@ class DatasetWriter:
             When it is another than the data set's.
         names : iterable of str, optional
             File names, PNG or JPEG by their ending; ``ref_000.png`` and so on if left out.
+        sds : array_like of float, shape (n, 2), optional
+            Standard deviations of the poses: x and y, metres, and heading, radians; NaN where unknown.
 
         Raises
         ------
@@ -90,8 +93,7 @@ class DatasetWriter:
         files = list(names) if names is not None else [f"ref_{index:03d}.png" for index in range(len(table))]
         folder = self.path / "references"
         self._write_images(folder, files, images, len(table))
-        rows = [(file, *(repr(float(value)) for value in pose)) for file, pose in zip(files, table, strict=True)]
-        write_image_table(folder / "poses.csv", ("file", "x", "y", "theta"), rows)
+        _write_poses(folder, files, table, None if sds is None else np.asarray(sds, dtype=np.float64))
         _write_camera(folder, camera, self.camera)
 
     def add_sequence(
@@ -164,8 +166,7 @@ def copy_dataset(dataset: Dataset, path: Path) -> Path:
     )
     if len(references):
         names = _copy_images(references.path, references.files, path / "references")
-        rows = [(name, *(repr(float(v)) for v in pose)) for name, pose in zip(names, references.poses, strict=True)]
-        write_image_table(path / "references" / "poses.csv", ("file", "x", "y", "theta"), rows)
+        _write_poses(path / "references", names, references.poses, references.sds)
         _write_camera(path / "references", references.camera, dataset.camera)
     for sequence in dataset.sequences.values():
         folder = path / "sequences" / sequence.name
@@ -177,6 +178,18 @@ def copy_dataset(dataset: Dataset, path: Path) -> Path:
         stamps = [(f"{time:.9f}", name) for time, name in zip(sequence.times, names, strict=True)]
         write_image_table(folder / "frames.csv", ("timestamp", "file"), stamps)
     return writer.finish()
+
+
+def _write_poses(folder: Path, files: list[str], poses: NDArray[np.float64], sds: NDArray[np.float64] | None) -> None:
+    columns: tuple[str, ...] = ("file", "x", "y", "theta")
+    table = poses
+    if sds is not None:
+        columns, table = (*columns, "sd_xy", "sd_theta"), np.column_stack([poses, sds])
+    rows = [
+        (file, *("" if np.isnan(value) else repr(float(value)) for value in row))
+        for file, row in zip(files, table, strict=True)
+    ]
+    write_image_table(folder / "poses.csv", columns, rows)
 
 
 def _write_camera(folder: Path, camera: AnyCamera | None, common: AnyCamera) -> None:

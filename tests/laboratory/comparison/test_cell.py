@@ -7,6 +7,7 @@ import pytest
 from panoloc_mcl.laboratory.comparison import cell as cells
 from panoloc_mcl.laboratory.comparison.cell import attempt, forget_data, make_job
 from panoloc_mcl.laboratory.comparison.runs import Failure, Runs, read_runs, write_runs
+from panoloc_mcl.laboratory.corruptions import corrupt
 from panoloc_mcl.robot.errors import ResultsError
 from panoloc_mcl.tools.datasets import read_dataset
 from panoloc_mcl.tools.runs.pipeline import run
@@ -46,6 +47,8 @@ def test_the_key_is_that_of_everything_that_counts(plan_of):
         {"seeds": [7]},
         {"modes": ["kalman_orientation"]},
         {"variants": {"x": {"localizer.monte_carlo.particles": 77}}},
+        {"variants": {"x": {"map.mend": False}}},
+        {"every": 2},
     ):
         assert not base & {job.key for job in jobs(plan_of(**change))}
 
@@ -90,6 +93,26 @@ def test_frames_are_dropped_and_cut_off(plan_of):
     assert len(attempt(job).records[0]) == 4
     (job,) = jobs(plan_of(corruptions=["drop_frames:1"], observations=["votes"], seeds=1))
     assert "no frame is left of 3" in attempt(job).text
+
+
+def test_an_imperfect_data_set_is_written_once_and_run_over(plan_of, monkeypatch):
+    (clean, job, again) = jobs(
+        plan_of(corruptions=["clean", "body:strong", "body:strong+told"], observations=["votes"], seeds=1)
+    )
+    assert len({clean.key, job.key, again.key}) == 3
+    written = []
+    monkeypatch.setattr(cells, "corrupt", lambda *words: written.append(words) or corrupt(*words))
+    monkeypatch.setattr(cells, "_MAPS", {})
+    first, second = attempt(job), attempt(job)
+    assert isinstance(first, Runs)
+    same(first, second)
+    assert len(written) == 1
+    assert len(first.records[0]) == 3
+    (answers,) = first.answers
+    assert answers.poses.shape == (3, 3)
+    assert answers.covariances.shape == (3, 3, 3)
+    other = attempt(clean)
+    assert not np.array_equal(other.records[0].poses, first.records[0].poses)
 
 
 def test_a_kept_cell_is_read_as_it_was(plan_of, tmp_path):

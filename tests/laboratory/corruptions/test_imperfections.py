@@ -332,6 +332,17 @@ def test_what_is_told_of_clocks_brings_images_and_odometry_together(small_room, 
     np.testing.assert_allclose(drive.groundtruth.at(drive.times), before.groundtruth.at(before.times), atol=1e-6)
 
 
+def test_what_is_told_of_surveys_is_how_good_they_are(small_room, tmp_path):
+    recipe = parse_recipe("pose_noise:strong+doubled:mild+standing:mild+told")
+    written = read_dataset(corrupt(small_room, recipe, 0, tmp_path / "out")).references
+    assert written.sds.shape == (len(written), 2)
+    np.testing.assert_allclose(written.sds, np.tile([0.1, np.radians(2.0)], (len(written), 1)))
+    again = read_dataset(
+        corrupt(read_dataset(tmp_path / "out"), parse_recipe("doubled:strong"), 0, tmp_path / "again")
+    ).references
+    assert again.sds.shape == (2 * len(written), 2)
+
+
 def test_a_camera_that_is_told_of_is_calibrated(small_room, tmp_path):
     recipe = parse_recipe("height:strong+elevation_shift:strong+elevation_scale:strong+centre:strong+told")
     written = read_dataset(corrupt(small_room, recipe, 0, tmp_path / "out"))

@@ -76,3 +76,15 @@ def test_as_many_images_as_rows(tmp_path: Path, count: int) -> None:
 def test_sequence_names_are_folder_names(tmp_path: Path, name: str) -> None:
     with pytest.raises(DatasetError, match="no folder name"):
         DatasetWriter(tmp_path / "d", "x", CAMERA).add_sequence(name, [1.0], pictures(1))
+
+
+def test_how_well_references_are_known_is_written_and_copied(tmp_path: Path) -> None:
+    writer = DatasetWriter(tmp_path / "data", "room", CAMERA)
+    sds = np.array([[0.02, np.nan], [0.1, 0.03]])
+    writer.add_references(pictures(2), [[0.0, 0.0, 0.0], [1.0, 0.5, 0.1]], sds=sds)
+    read = read_dataset(writer.finish())
+    assert read.references.sds is not None
+    np.testing.assert_array_equal(read.references.sds, sds)
+    copied = read_dataset(copy_dataset(read, tmp_path / "copy"))
+    assert copied.references.sds is not None
+    np.testing.assert_array_equal(copied.references.sds, sds)
