@@ -13,6 +13,7 @@ STUDIES = (
     "ablation",
     "confidence",
     "poses",
+    "consistency",
 )
 
 _MEMBERS: list[Reporting] = [importlib.import_module(f"panoloc_mcl.laboratory.cli.studies.{name}").COMMAND for name in STUDIES]

@@ -122,6 +122,8 @@ def write_runs(path: Path, key: str, axes: dict[str, Any], runs: Runs) -> None:
         arrays[f"{index}.status"] = np.array([STATUSES.index(status) for status in record.status], dtype=np.int8)
         if record.truth is not None:
             arrays[f"{index}.truth"] = record.truth
+        if record.covariances is not None:
+            arrays[f"{index}.covariances"] = record.covariances
     for index, answers in enumerate(runs.answers):
         arrays |= {f"{index}.answers.{name}": value for name, value in vars(answers).items()}
     names = [record.name for record in runs.records]
@@ -146,7 +148,12 @@ def read_runs(path: Path, key: str) -> Runs:
             status = tuple(STATUSES[int(code)] for code in arrays[f"{index}.status"])
             records.append(
                 SequenceRecord(
-                    name=name, run=0, status=status, truth=cast(FloatArray | None, arrays.get(f"{index}.truth")), **own
+                    name=name,
+                    run=0,
+                    status=status,
+                    truth=cast(FloatArray | None, arrays.get(f"{index}.truth")),
+                    covariances=cast(FloatArray | None, arrays.get(f"{index}.covariances")),
+                    **own,
                 )
             )
             if f"{index}.answers.poses" in arrays:

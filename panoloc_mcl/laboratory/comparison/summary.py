@@ -105,6 +105,7 @@ def figures(groups: Sequence[Group]) -> list[str]:
         "position mm: median / p95",
         "heading °: median / p95",
         "within 0.25 m, 2° %",
+        "NEES, within 2 sd %: position / heading",
         "images to converge",
         "sure but wrong",
         "tracks lost",
@@ -128,12 +129,19 @@ def figures(groups: Sequence[Group]) -> list[str]:
             f"{number(_mm(metrics['position_median_m']), 1)} / {number(_mm(metrics['position_p95_m']), 1)}",
             f"{number(metrics['heading_median_deg'], 3)} / {number(metrics['heading_p95_deg'], 3)}",
             percent(metrics["within"][_WITHIN]),
+            " / ".join(_claimed(metrics["consistency"][axis]) for axis in ("position", "heading")),
             number(metrics["frames_to_converge_median"], 1),
             out_of(wrong["count"], wrong["runs"]),
             number(metrics["tracks_lost"], 0),
         ]
         lines.append(_line([*cells, *([rate(kidnap)] if kidnapped else [])]))
     return lines
+
+
+def _claimed(figures: Mapping[str, Any]) -> str:
+    return (
+        BLANK if figures["nees_median"] is None else f"{number(figures['nees_median'], 2)}, {percent(figures['inside_2sd'], 0)}"
+    )
 
 
 def ranking(groups: Sequence[Group]) -> list[str]:

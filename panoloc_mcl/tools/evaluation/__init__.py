@@ -1,5 +1,6 @@
 """Figures of runs: records in, metrics and tables out."""
 
+from panoloc_mcl.tools.evaluation.consistency import consistency
 from panoloc_mcl.tools.evaluation.definitions import METRICS_SCHEMA
 from panoloc_mcl.tools.evaluation.intervals import bootstrap95, interval95_over_drives, wilson95
 from panoloc_mcl.tools.evaluation.metrics import evaluate
@@ -13,6 +14,7 @@ __all__ = [
     "SequenceRecord",
     "Table",
     "bootstrap95",
+    "consistency",
     "evaluate",
     "interval95_over_drives",
     "metrics_table",

@@ -26,6 +26,9 @@ BAD_HEADING_DEG = 20.0
 HOLD_S = 10.0
 LOST_S = 3.0
 
+#: Global success that the end of the data cuts short before ``HOLD_S`` must have lasted this long, seconds.
+SUCCESS_TO_END_S = 3.0
+
 #: A recovery that the end of the data cuts short before ``HOLD_S`` needs this many frames in a row.
 MIN_FRAMES_TO_END = 3
 

@@ -17,6 +17,7 @@ from panoloc_mcl.tools.evaluation.definitions import (
     LOST_S,
     MIN_FRAMES_TO_END,
     ROUNDING_S,
+    SUCCESS_TO_END_S,
     BoolArray,
     is_bad,
     is_good,
@@ -32,11 +33,9 @@ class RunEvents:
     ----------
     succeeded : bool
         Global success: before the first teleport there is a stretch of frames that are all converged and good (under 0.5 m
-        and 10°), and it lasts 10 s or reaches the end of that part.
+        and 10°), and it lasts 10 s, or reaches the end of that part and lasts 3 s.
     falsely_converged : bool
-        Some frame is converged and bad (above 1.0 m or 20°). A robot that was converged when it was teleported cannot know
-        at once: until its status changes or its error is good again, its frames count only later than 3 s after the
-        first frame that follows the teleport.
+        Some frame is converged and bad (above 1.0 m or 20°). A teleport excuses nothing: the image after it has been seen.
     tracks_lost : int or None
         Stretches of bad frames that last more than 3 s, after the robot was localised (converged and good) in the same
         segment. The next loss counts only after a recovery. None when the robot never was localised.
@@ -64,20 +63,25 @@ def find_events(record: SequenceRecord) -> RunEvents | None:
     good, bad, converged, times = is_good(position, heading), is_bad(position, heading), record.converged, record.times
     segments = _segments(record.kidnapped)
     first = segments[0]
-    found = first_lasting(converged[first] & good[first], times[first], min_frames_to_end=1)
+    found = first_lasting(converged[first] & good[first], times[first], min_frames_to_end=1, seconds_to_end=SUCCESS_TO_END_S)
     losses = [_tracks_lost(good[s], bad[s], converged[s], times[s]) for s in segments]
     counted = [loss for loss in losses if loss is not None]
     recoveries = (first_lasting(good[s], times[s]) for s in segments[1:] if s.stop - s.start >= MIN_FRAMES_TO_END)
     return RunEvents(
         succeeded=found is not None,
-        falsely_converged=bool((converged & bad & ~_excused(good, converged, times, segments)).any()),
+        falsely_converged=bool((converged & bad).any()),
         tracks_lost=sum(counted) if counted else None,
         frames_to_recover=tuple(None if start is None else start + 1 for start in recoveries),
     )
 
 
 def first_lasting(
-    good: BoolArray, times: FloatArray, *, seconds: float = HOLD_S, min_frames_to_end: int = MIN_FRAMES_TO_END
+    good: BoolArray,
+    times: FloatArray,
+    *,
+    seconds: float = HOLD_S,
+    min_frames_to_end: int = MIN_FRAMES_TO_END,
+    seconds_to_end: float = 0.0,
 ) -> int | None:
     """First frame of the first stretch of good frames that lasts.
 
@@ -89,11 +93,14 @@ def first_lasting(
     seconds : float
         A stretch lasts when its last stamp is this much later than its first one.
     min_frames_to_end : int
-        It also lasts when it reaches the last frame with at least this many frames.
+        It also lasts when it reaches the last frame with at least this many frames, …
+    seconds_to_end : float
+        … and is at least this long.
     """
     for start, last in _stretches(good):
-        long_enough = times[last] - times[start] >= seconds - ROUNDING_S
-        to_the_end = last == len(good) - 1 and last - start + 1 >= min_frames_to_end
+        lasted = times[last] - times[start] + ROUNDING_S
+        long_enough = lasted >= seconds
+        to_the_end = last == len(good) - 1 and last - start + 1 >= min_frames_to_end and lasted >= seconds_to_end
         if long_enough or to_the_end:
             return start
     return None
@@ -125,17 +132,3 @@ def _tracks_lost(good: BoolArray, bad: BoolArray, converged: BoolArray, times: F
             break
         since = last + 1 + recovered
     return count
-
-
-def _excused(good: BoolArray, converged: BoolArray, times: FloatArray, segments: list[slice]) -> BoolArray:
-    """Frames shortly after a teleport at which a robot that was converged may still believe its old pose."""
-    excused = np.zeros(len(times), dtype=np.bool_)
-    for segment in segments[1:]:
-        if not converged[segment.start - 1]:
-            continue
-        for i in range(segment.start, segment.stop):
-            late = times[i] - times[segment.start] > LOST_S + ROUNDING_S
-            if late or good[i] or not converged[i]:
-                break
-            excused[i] = True
-    return excused

@@ -17,6 +17,7 @@ Definitions
 * Intervals of rates (``wilson95``) are over drives, whose images and runs err alike: Wilson's, each drive one trial, where every
   drive is all or nothing; by bootstrap over drives where some are in between. A kidnap's trial is the teleport, of which every run
   repeats the same. More runs over the same drives narrow none.
+* ``consistency`` holds errors against claimed covariances, over all converged frames: what it is, says `consistency`.
 * Figures that need truth look only at runs that have it. What does not apply is None.
 """
 
@@ -30,7 +31,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from panoloc_mcl.robot.errors import ResultsError
-from panoloc_mcl.robot.geometry import FloatArray
+from panoloc_mcl.robot.geometry import FloatArray, angle_difference
+from panoloc_mcl.tools.evaluation.consistency import consistency
 from panoloc_mcl.tools.evaluation.definitions import (
     METRICS_SCHEMA,
     PASS_RADIUS_M,
@@ -125,6 +127,7 @@ def _figures(records: Sequence[SequenceRecord], places: FloatArray) -> Metrics:
         **_time_to_converge(records),
         "tracks_lost": _tracks_lost([found for _, found in events]),
         "kidnap": _kidnap(events),
+        "consistency": _consistency(records),
         "step_ms": _step_ms(records),
     }
 
@@ -231,6 +234,18 @@ def _kidnap(events: Sequence[tuple[str, RunEvents]]) -> Metrics:
         **_rate((teleport, entry is not None, 1) for teleport, entry in teleports),
         "frames_to_recover_median": _median_with_never(frames),
     }
+
+
+def _consistency(records: Sequence[SequenceRecord]) -> Metrics:
+    errors, covariances = [np.zeros((0, 3))], [np.zeros((0, 3, 3))]
+    for record in (record.judged for record in records):
+        if record is None or record.truth is None or record.covariances is None:
+            continue
+        off = record.poses - record.truth
+        off[:, 2] = angle_difference(record.poses[:, 2], record.truth[:, 2])
+        errors.append(off[record.converged])
+        covariances.append(record.covariances[record.converged])
+    return consistency(np.concatenate(errors), np.concatenate(covariances))
 
 
 def _step_ms(records: Sequence[SequenceRecord]) -> Metrics:

@@ -38,6 +38,8 @@ class SequenceRecord:
         Milliseconds from pixels to pose; NaN where none were measured.
     kidnapped : ndarray of bool, shape (n,)
         True at the first frame after a teleport; never at frame 0.
+    covariances : ndarray of float64, shape (n, 3, 3), or None
+        That were claimed of the poses, metres and radians; NaN where none were. None where nobody says.
 
     Raises
     ------
@@ -54,6 +56,7 @@ class SequenceRecord:
     best_place: NDArray[np.int64]
     step_ms: FloatArray
     kidnapped: NDArray[np.bool_]
+    covariances: FloatArray | None = None
 
     def __post_init__(self) -> None:
         put = object.__setattr__
@@ -64,6 +67,7 @@ class SequenceRecord:
         put(self, "best_place", np.asarray(self.best_place, dtype=np.int64))
         put(self, "step_ms", np.asarray(self.step_ms, dtype=np.float64))
         put(self, "kidnapped", np.asarray(self.kidnapped, dtype=np.bool_))
+        put(self, "covariances", None if self.covariances is None else np.asarray(self.covariances, dtype=np.float64))
         # Values are only looked at once the shapes are right.
         faults = list(self._shape_faults()) or list(self._value_faults())
         if faults:
@@ -91,6 +95,8 @@ class SequenceRecord:
         arrays: dict[str, Any] = {
             name: getattr(self, name)[known] for name in ("times", "poses", "truth", "best_place", "step_ms")
         }
+        if self.covariances is not None:
+            arrays["covariances"] = self.covariances[known]
         kidnapped = np.concatenate([[False], np.diff(before) > 0])
         return replace(self, **arrays, status=tuple(self.status[row] for row in rows), kidnapped=kidnapped)
 
@@ -133,7 +139,14 @@ class SequenceRecord:
             return
         if len(self.status) != n:
             yield f"status has {len(self.status)} entries for {n} frames; give one a frame"
-        wanted = {"poses": (n, 3), "truth": (n, 3), "best_place": (n,), "step_ms": (n,), "kidnapped": (n,)}
+        wanted = {
+            "poses": (n, 3),
+            "truth": (n, 3),
+            "best_place": (n,),
+            "step_ms": (n,),
+            "kidnapped": (n,),
+            "covariances": (n, 3, 3),
+        }
         for field, shape in wanted.items():
             value = getattr(self, field)
             if value is not None and value.shape != shape:

@@ -162,6 +162,15 @@ def _counts(label: str, outer: str, count: str, total: str) -> _Figure:
     return _Figure(label, "", lambda part: out_of(part[outer][count], part[outer][total]))
 
 
+def _claimed(label: str, axis: str, key: str) -> _Figure:
+    def text(part: Figures) -> str:
+        # Folders of earlier versions say nothing of it.
+        value = part.get("consistency", {}).get(axis, {}).get(key)
+        return percent(value) if key.startswith("inside") else number(value, 2)
+
+    return _Figure(label, "%" if key.startswith("inside") else "", text)
+
+
 _RECOGNITION = (
     _counts("recognised/passed", "recognition", "recognised", "passed"),
     _share("rate", "recognition", "rate"),
@@ -184,6 +193,15 @@ _SECTIONS: tuple[tuple[str, tuple[_Figure, ...]], ...] = (
             _plain("position, p95", "m", "position_p95_m", 4),
             _plain("heading, median", "°", "heading_median_deg", 3),
             _plain("heading, p95", "°", "heading_p95_deg", 3),
+        ),
+    ),
+    (
+        "Error against claimed covariance, converged frames (right: NEES 1; within 2 sd 86.5 %, heading 95.4 %)",
+        (
+            _claimed("position, median NEES", "position", "nees_median"),
+            _claimed("position within 2 sd", "position", "inside_2sd"),
+            _claimed("heading, median NEES", "heading", "nees_median"),
+            _claimed("heading within 2 sd", "heading", "inside_2sd"),
         ),
     ),
     (

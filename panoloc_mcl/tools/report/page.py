@@ -52,6 +52,8 @@ def run_data(record: SequenceRecord, folder: Path) -> dict[str, Any]:
         "status": [record.status[row] for row in rows],
         "position_error": _largest(record.position_error_m, rows, 5),
         "heading_error": _largest(record.heading_error_deg, rows, 4),
+        "position_claimed": _largest(_claimed_sd(record, 0), rows, 5),
+        "heading_claimed": _largest(_claimed_sd(record, 1), rows, 4),
         "teleports": _numbers(record.times[record.kidnapped] - record.times[0], 3),
         "n_eff": _numbers(steps["n_eff"][rows], 1),
         "particles": _numbers(steps["particles"][rows], 0),
@@ -149,6 +151,16 @@ def _packed(particles: NDArray[np.float32], low: FloatArray, high: FloatArray) -
 def _poses(poses: FloatArray) -> dict[str, list[float | None]]:
     heading = np.degrees(np.arctan2(np.sin(poses[:, 2]), np.cos(poses[:, 2])))
     return {"x": _numbers(poses[:, 0], 4), "y": _numbers(poses[:, 1], 4), "heading": _numbers(heading, 3)}
+
+
+def _claimed_sd(record: SequenceRecord, axis: int) -> FloatArray | None:
+    """Claimed standard deviation of every frame: of the position along its longest axis, metres (0), or of the heading, degrees (1)."""
+    if record.covariances is None:
+        return None
+    if axis == 1:
+        return np.degrees(np.sqrt(np.maximum(record.covariances[:, 2, 2], 0.0)))
+    xx, xy, yy = (record.covariances[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1)))
+    return np.sqrt(np.maximum(0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy), 0.0))
 
 
 def _largest(values: FloatArray | None, rows: NDArray[np.int64], decimals: int) -> list[float | None] | None:

@@ -111,6 +111,7 @@ def read_run(folder: Path, name: str, run: int) -> SequenceRecord:
             best_place=steps.best_place,
             step_ms=steps.step_ms,
             kidnapped=steps.kidnapped,
+            covariances=steps.covariances,
         )
     except ResultsError as error:
         raise ResultsError(f"{folder}: {fault}" for fault in error.faults) from error

@@ -26,6 +26,12 @@ STEP_COLUMNS = (
     "n_eff",
     "spread_m",
     "spread_deg",
+    "cov_xx",
+    "cov_xy",
+    "cov_xt",
+    "cov_yy",
+    "cov_yt",
+    "cov_tt",
     "best_place",
     "best_place_votes",
     "margin",
@@ -33,6 +39,8 @@ STEP_COLUMNS = (
     "injected",
     "kidnapped",
 )
+#: Claimed covariance of the pose, upper triangle: square metres, metres times radians, square radians.
+COVARIANCE = ("cov_xx", "cov_xy", "cov_xt", "cov_yy", "cov_yt", "cov_tt")
 TOTAL = "ms_total"
 STAGE_PREFIX = "ms_"
 
@@ -42,13 +50,14 @@ _FROM_RECORD = ("timestamp", "status", "best_place", "kidnapped", TOTAL)
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """The columns of ``steps.csv`` that the figures need; arrays of shape (n,)."""
+    """The columns of ``steps.csv`` that the figures need; arrays of shape (n,), covariances (n, 3, 3) or None if none were kept."""
 
     times: FloatArray
     status: tuple[str, ...]
     best_place: NDArray[np.int64]
     step_ms: FloatArray
     kidnapped: NDArray[np.bool_]
+    covariances: FloatArray | None
 
 
 def steps_text(record: SequenceRecord, rows: Sequence[Mapping[str, Any]]) -> str:
@@ -109,7 +118,16 @@ def read_steps(path: Path) -> Steps:
     values = {column: list(_column(path, table, column, faults)) for column in _FROM_RECORD}
     if faults:
         raise ResultsError(faults)
+    covariances = None
+    if all(column in header for column in COVARIANCE):
+        xx, xy, xt, yy, yt, tt = (
+            np.array(list(_column(path, table, column, faults)), dtype=np.float64) for column in COVARIANCE
+        )
+        covariances = np.stack([xx, xy, xt, xy, yy, yt, xt, yt, tt], axis=1).reshape(-1, 3, 3)
+    if faults:
+        raise ResultsError(faults)
     return Steps(
+        covariances=covariances,
         times=np.array(values["timestamp"], dtype=np.float64),
         status=tuple(values["status"]),
         best_place=np.array(values["best_place"], dtype=np.int64),
@@ -198,8 +216,15 @@ def _flag(cell: str | None) -> bool:
     return cell == "1"
 
 
-def _milliseconds(cell: str | None) -> float:
+def _or_nan(cell: str | None) -> float:
     return float(_text(cell) or "nan")
 
 
-_PARSERS = {"timestamp": _float, "status": _text, "best_place": _int, "kidnapped": _flag, TOTAL: _milliseconds}
+_PARSERS = {
+    "timestamp": _float,
+    "status": _text,
+    "best_place": _int,
+    "kidnapped": _flag,
+    TOTAL: _or_nan,
+    **dict.fromkeys(COVARIANCE, _or_nan),
+}

@@ -28,6 +28,7 @@ from panoloc_mcl.tools.datasets.splice import splice, teleports_of
 from panoloc_mcl.tools.evaluation import SequenceRecord, evaluate
 from panoloc_mcl.tools.report import FrameRecorder, ResultsWriter, render_report, render_summary
 from panoloc_mcl.tools.report.sinks import Departure, Frame, NullSink, Scene, Sink, Sinks
+from panoloc_mcl.tools.report.steps import COVARIANCE
 from panoloc_mcl.tools.runs.map_cache import cached_map
 from panoloc_mcl.tools.streams import answers, recorded
 
@@ -259,7 +260,7 @@ def localize(
     sink.begin(Departure(drive.name, repeat, *localizer.particles))
     for image, estimate in answers(localizer, recorded(drive)):
         index = image.index
-        estimate = replace(estimate, timestamp=image.timestamp)
+        estimate = _brought_to(estimate, image.timestamp, localizer)
         shown = None if truth is None or not np.isfinite(truth[index]).all() else truth[index]
         sink.take(Frame(len(frames), index, drive.files[index], unwrapper, estimate, *localizer.particles, shown))
         frames.append(index)
@@ -277,9 +278,24 @@ def localize(
         best_place=np.array([estimate.best_place for estimate in estimates]),
         step_ms=np.array([sum(estimate.stage_ms.values()) for estimate in estimates]),
         kidnapped=teleports_of(task.kidnapped, frames),
+        covariances=np.array([estimate.covariance for estimate in estimates]),
     )
     sink.end(record)
     return record, steps, localizer.images_skipped
+
+
+def _brought_to(estimate: Estimate, timestamp: float, localizer: Localizer) -> Estimate:
+    """An answer as of the time of its image, which is compared with the truth of that time.
+
+    After a late image, and one that was left out, the belief stands at another time: odometry leads from one to the other.
+    """
+    between = timestamp - estimate.timestamp
+    if not 0.0 < abs(between) <= localizer.settings.motion.buffer_s:
+        return replace(estimate, timestamp=timestamp)
+    there = localizer.pose_at(timestamp)
+    if there is None:
+        return replace(estimate, timestamp=timestamp)
+    return replace(estimate, timestamp=timestamp, pose=there.pose, covariance=there.covariance)
 
 
 def step_row(estimate: Estimate) -> dict[str, Any]:
@@ -294,6 +310,7 @@ def step_row(estimate: Estimate) -> dict[str, Any]:
         "n_eff": state.effective_count,
         "spread_m": best.spread_m,
         "spread_deg": best.spread_deg,
+        **dict(zip(COVARIANCE, estimate.covariance[np.triu_indices(3)].tolist(), strict=True)),
         "best_place": state.best_place,
         "best_place_votes": state.best_place_votes,
         "margin": votes.peak.margin if votes is not None and votes.informative else None,

@@ -29,6 +29,7 @@ KEYS = {
     "seconds_to_converge_median": None,
     "tracks_lost": None,
     "kidnap": {"events", "recovered", "rate", "wilson95", "frames_to_recover_median"},
+    "consistency": {"position", "heading"},
     "step_ms": {"median", "p95"},
 }
 
@@ -129,7 +130,7 @@ def test_recognition_does_not_apply_to_runs_that_never_name_a_place(make_record)
 
 
 def test_pooling_is_over_frames_for_errors_and_over_runs_for_rates(make_record):
-    short = make_record("cc", metres=0.4)
+    short = make_record("cc", metres=0.4, dt=3.0)
     long = make_record("scccccc", metres=[5.0] + [0.1] * 6, run=1)
     figures = overall(short, long)
     assert (figures["frames"], figures["runs"]) == (9, 2)

@@ -97,14 +97,15 @@ def test_steps_hold_the_record_and_the_stages(tmp_path, started, make_record):
     writer.write_run(record, rows)
     lines = (writer.path / "noon_00/run_0/steps.csv").read_text().splitlines()
     assert lines[0] == (
-        "timestamp,status,message,particles,n_eff,spread_m,spread_deg,best_place,best_place_votes,margin,"
+        "timestamp,status,message,particles,n_eff,spread_m,spread_deg,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt,"
+        "best_place,best_place_votes,margin,"
         "resampled,injected,kidnapped,ms_score,ms_filter,ms_total"
     )
     assert lines[1].startswith(
-        f'{record.times[0]:.9f},searching,"two lines, and a comma",10,,,,{record.best_place[0]},,,1,,0,,,'
+        f'{record.times[0]:.9f},searching,"two lines, and a comma",10,,,,,,,,,,{record.best_place[0]},,,1,,0,,,'
     )
     assert lines[2].split(",")[4] == "2.5"
-    assert lines[2].split(",")[11] == "3"
+    assert lines[2].split(",")[17] == "3"
     assert lines[3].endswith(f",2.5,,{float(record.step_ms[2])!r}")
 
 

@@ -126,11 +126,12 @@
     if (run.position_error !== null) {
       const limit = (value) => ({ type: "line", xref: "paper", x0: 0, x1: 1, y0: value, y1: value, line: { color: css("--soft"), width: 1, dash: "dot" } });
       const floor = (values, least) => values.map((v) => Math.max(v, least));
+      const claimed = (sd, least) => sd ? [line(floor(sd, least), "claimed sd", css("--orange"), { mode: "lines", line: { color: css("--orange"), width: 1.2, dash: "dash" } })] : [];
       const decades = { type: "log", exponentformat: "none", dtick: 1 };
       const { position_m, heading_deg } = data.limits;
-      over("position-error", [line(floor(run.position_error, 1e-4), "position error", css("--blue"))], "position error [m]", 190,
-        { yaxis: decades, showlegend: false, margin: { l: 62, r: 12, t: 8, b: 44 }, shapes: [...teleports(), limit(position_m)] });
-      over("heading-error", [line(floor(run.heading_error, 1e-3), "heading error", css("--blue"))], "heading error [°]", 240,
+      over("position-error", [line(floor(run.position_error, 1e-4), "position error", css("--blue")), ...claimed(run.position_claimed, 1e-4)], "position error [m]", 190,
+        { yaxis: decades, showlegend: Boolean(run.position_claimed), margin: { l: 62, r: 12, t: 8, b: 44 }, shapes: [...teleports(), limit(position_m)] });
+      over("heading-error", [line(floor(run.heading_error, 1e-3), "heading error", css("--blue")), ...claimed(run.heading_claimed, 1e-3)], "heading error [°]", 240,
         { yaxis: decades, shapes: [...teleports(), limit(heading_deg)] });
     }
     const headings = [line(run.pose.heading, "estimate", css("--orange"), { mode: "markers", marker: { size: 6, color: css("--orange") } })];

@@ -1,0 +1,254 @@
+"""Whether claimed covariances hold: errors against what single images and the filter claim, where the world is as modelled and not."""
+
+from __future__ import annotations
+
+import tempfile
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from panoloc_mcl.laboratory.corruptions import Recipe, parse_recipe
+from panoloc_mcl.laboratory.corruptions.dataset import corrupt
+from panoloc_mcl.laboratory.reports import Number, Report
+from panoloc_mcl.robot.camera import Panorama
+from panoloc_mcl.robot.errors import ConfigError
+from panoloc_mcl.robot.filters import Estimate, Status
+from panoloc_mcl.robot.geometry import FloatArray, angle_difference
+from panoloc_mcl.robot.localizer import Localizer
+from panoloc_mcl.robot.map.panorama_map import PanoramaMap
+from panoloc_mcl.robot.observation import ObservationModel, VoteField
+from panoloc_mcl.robot.progress import Progress, no_progress
+from panoloc_mcl.tools.config import RunConfig
+from panoloc_mcl.tools.datasets import Dataset, read_dataset, resolve_dataset
+from panoloc_mcl.tools.datasets import Sequence as Drive
+from panoloc_mcl.tools.datasets.splice import group_of
+from panoloc_mcl.tools.datasets.trajectory import Trajectory
+from panoloc_mcl.tools.evaluation import consistency
+from panoloc_mcl.tools.runs.map_cache import cached_map
+from panoloc_mcl.tools.streams import answers, recorded
+
+# Of images of a robot that stands: a good camera's noise, grey levels, and the time between them, seconds.
+_NOISE, _PERIOD_S = 2.0, 0.5
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A row of the table.
+
+    Parameters
+    ----------
+    name : str
+    references : str
+        Recipe of what the map is made from.
+    images : str
+        Recipe of what is localized.
+    standing : int
+        So many images are taken from one place; 0: the drives as they are.
+    by_light : bool
+        A row for every group of drives.
+    """
+
+    name: str
+    references: str = "clean"
+    images: str = "clean"
+    standing: int = 0
+    by_light: bool = False
+
+
+CONDITIONS = (
+    Condition("as it is", by_light=True),
+    *(Condition(f"camera tilted by {degrees}°", images=f"tilt:{degrees}") for degrees in (1, 2, 4)),
+    Condition("30 % of the columns hidden", images="bars:0.3"),
+    *(Condition(f"gain {gain:g}", images=f"gain:{gain:g}") for gain in (0.35, 2.2)),
+    Condition("standing, 16 images", standing=16),
+    Condition("standing, 200 images", standing=200),
+    Condition("standing, tilted by 2°, 16 images", images="lean:1.6,roll_deg=1.2", standing=16),
+    Condition("standing, tilted by 2°, 200 images", images="lean:1.6,roll_deg=1.2", standing=200),
+    Condition("references tilted by 2°", "mount_tilt:mild,degrees=2,where=references"),
+    Condition("references' poses off by 2 cm, 1°", "pose_noise:mild,xy_m=0.02,theta_deg=1"),
+    Condition("references' poses off by 5 cm, 2°", "pose_noise:mild,xy_m=0.05,theta_deg=2"),
+    Condition("camera's height off by 5 cm", "height:mild,metres=0.05"),
+)
+
+_HEADS = (
+    "condition",
+    "drives",
+    "images",
+    "one image: mm, median",
+    "NEES",
+    "within 2 sd, %",
+    "heading NEES",
+    "heading within 2 sd, %",
+    "filter: mm, median",
+    "filter: NEES",
+    "filter: within 2 sd, %",
+    "filter: heading NEES",
+    "filter: heading within 2 sd, %",
+)
+
+
+@dataclass
+class Claims:
+    """Errors and claimed covariances of a row: of single images, and of the filter where it is sure."""
+
+    drives: set[str] = field(default_factory=set)
+    images: int = 0
+    alone: list[tuple[FloatArray, FloatArray]] = field(default_factory=list)
+    filtered: list[tuple[FloatArray, FloatArray]] = field(default_factory=list)
+
+    def take(self, drive: str, estimate: Estimate, truth: FloatArray) -> None:
+        """One answer."""
+        self.drives.add(drive)
+        self.images += 1
+        votes = estimate.vote_field
+        if votes is not None and votes.informative and votes.measurement is not None:
+            self.alone.append((_off(votes.measurement.pose, truth), votes.measurement.covariance))
+        if estimate.status is Status.CONVERGED:
+            self.filtered.append((_off(estimate.pose, truth), estimate.covariance))
+
+    def cells(self) -> list[Any]:
+        """Of its row."""
+        return [len(self.drives), self.images, *_held(self.alone), *_held(self.filtered)]
+
+
+def study(
+    config: RunConfig,
+    every: int = 1,
+    rows: Sequence[str] = ("*",),
+    progress: Progress = no_progress,
+) -> Report:
+    """Hold errors against claims, condition by condition.
+
+    Parameters
+    ----------
+    config : RunConfig
+        ``dataset``, ``observation``, ``localizer``, ``sequences`` and ``seed``.
+    every : int
+        Use every so many images of a drive.
+    rows : sequence of str
+        Names or patterns of conditions.
+    progress : callable (done, total, what)
+
+    Raises
+    ------
+    ConfigError
+        No condition has such a name.
+    """
+    chosen = [condition for condition in CONDITIONS if any(fnmatchcase(condition.name, row) for row in rows)]
+    if not chosen:
+        raise ConfigError(f"--rows {' '.join(rows)}: no such condition; known: {', '.join(one.name for one in CONDITIONS)}")
+    dataset = read_dataset(resolve_dataset(config.dataset))
+    drives = [drive for drive in dataset.select(config.sequences) if drive.groundtruth is not None]
+    if not drives:
+        raise ConfigError(f"{dataset.path}: has no sequence with ground truth among those selected; use another data set")
+    drives = [replace(drive, times=drive.times[::every], files=drive.files[::every]) for drive in drives]
+    report = Report(
+        f"Claims of `{dataset.name}`, seed {config.seed}, every {every}. image: error against claimed covariance, of single images "
+        "(nothing known) and of the filter where it is sure. NEES: median over that of the chi-squared distribution, 1 is right, more "
+        "is too sure; within 2 sd: right are 86.5 % for the position and 95.4 % for the heading. Images of a drive err alike, so the "
+        "drives are what counts."
+    )
+    table = report.table("", _HEADS)
+    maps: dict[str, tuple[PanoramaMap, ObservationModel]] = {}
+    with threadpool_limits(1):
+        for done, condition in enumerate(chosen):
+            if condition.references not in maps:
+                # One at a time: maps are large.
+                maps = {condition.references: _map(config, dataset, condition.references, progress)}
+            for name, claims in _claims(condition, config, drives, *maps[condition.references]):
+                table.add(name, *claims.cells())
+            progress(done + 1, len(chosen), "conditions")
+    return report
+
+
+def _map(config: RunConfig, dataset: Dataset, recipe: str, progress: Progress) -> tuple[PanoramaMap, ObservationModel]:
+    """The map of references that are as good as a recipe says."""
+    parsed = parse_recipe(recipe)
+    if parsed.changes_data:
+        with tempfile.TemporaryDirectory() as folder:
+            # A data set needs a drive; this one is not localized over.
+            name, drive = next(iter(dataset.sequences.items()))
+            short = replace(drive, times=drive.times[:2], files=drive.files[:2])
+            written = corrupt(replace(dataset, sequences={name: short}), parsed, config.seed, Path(folder) / "data", [name])
+            panorama_map = cached_map(read_dataset(written), config.observation, config.seed, progress)
+    else:
+        panorama_map = cached_map(dataset, config.observation, config.seed, progress)
+    return panorama_map, panorama_map.observation_model(config.observation)
+
+
+def _claims(
+    condition: Condition, config: RunConfig, drives: Sequence[Drive], panorama_map: PanoramaMap, model: ObservationModel
+) -> Iterator[tuple[str, Claims]]:
+    """The rows of a condition."""
+    groups: dict[str, Claims] = {}
+    for drive in drives:
+        name = f"{condition.name}, {group_of(drive.name)}" if condition.by_light else condition.name
+        claims = groups.setdefault(name, Claims())
+        travelled = _standing(drive, condition.standing) if condition.standing else drive
+        recipe = f"{condition.images}+noise:{_NOISE:g}" if condition.standing else condition.images
+        seen = _Through(
+            model, parse_recipe(recipe.removeprefix("clean+")), (config.seed, zlib.crc32(drive.name.encode())), panorama_map
+        )
+        localizer = Localizer(
+            panorama_map,
+            config,
+            camera=drive.camera,
+            image_size=drive.image_size,
+            seed=(config.seed, zlib.crc32(drive.name.encode())),
+            model=cast(ObservationModel, seen),
+        )
+        assert travelled.groundtruth is not None
+        for _, estimate in answers(localizer, recorded(travelled)):
+            claims.take(drive.name, estimate, travelled.groundtruth.at(estimate.timestamp))
+    yield from groups.items()
+
+
+class _Through:
+    """A model that sees images as a recipe has them, each with random numbers of its own."""
+
+    def __init__(self, model: ObservationModel, recipe: Recipe, seed: tuple[int, int], panorama_map: PanoramaMap) -> None:
+        self._model, self._recipe, self._seed, self._count = model, recipe, seed, 0
+        self._elevation_deg = panorama_map.geometry.elevation_deg
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._model, name)
+
+    def observe(self, panorama: Panorama, headings: FloatArray | None = None) -> VoteField:
+        """Votes of the panorama as it would have been."""
+        self._count += 1
+        if self._recipe.changes_images:
+            panorama = self._recipe.panorama(panorama, np.random.default_rng((*self._seed, self._count)), self._elevation_deg)
+        return self._model.observe(panorama, headings)
+
+
+def _standing(drive: Drive, images: int) -> Drive:
+    """A robot that stands in the middle of a drive, and looks so many times."""
+    assert drive.groundtruth is not None
+    middle = len(drive) // 2
+    times = drive.times[middle] + _PERIOD_S * np.arange(images)
+    pose = drive.groundtruth.at(drive.times[middle])
+    standing = Trajectory(times, np.tile(pose, (images, 1)))
+    return replace(drive, times=times, files=(drive.files[middle],) * images, odometry=standing, groundtruth=standing)
+
+
+def _off(pose: FloatArray, truth: FloatArray) -> FloatArray:
+    off = pose - truth
+    off[2] = angle_difference(pose[2], truth[2])
+    return off
+
+
+def _held(claims: list[tuple[FloatArray, FloatArray]]) -> list[Number]:
+    errors = np.array([error for error, _ in claims]).reshape(-1, 3)
+    held = consistency(errors, np.array([covariance for _, covariance in claims]).reshape(-1, 3, 3))
+    median = float(np.median(np.hypot(errors[:, 0], errors[:, 1]))) * 1000.0 if len(errors) else None
+    cells = [Number(median, 1)]
+    for axis in ("position", "heading"):
+        inside = held[axis]["inside_2sd"]
+        cells += [Number(held[axis]["nees_median"], 2), Number(None if inside is None else 100.0 * inside, 0)]
+    return cells
