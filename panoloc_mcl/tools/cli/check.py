@@ -60,6 +60,8 @@ def find_faults(path: str, overrides: list[str | Override]) -> list[str]:
     of_dataset = _dataset_faults(dataset)
     if config is not None and not of_dataset:
         faults += _faults_together(config)
+    if not faults and not of_dataset:
+        of_dataset = _wrong_conventions(dataset)
     return faults + of_dataset
 
 
@@ -88,6 +90,14 @@ def _dataset_faults(name: str) -> list[str]:
         )
     except PanolocError as error:
         return list(error.faults)
+
+
+def _wrong_conventions(name: str) -> list[str]:
+    """Angles, axes, columns and clocks that run another way than what is written, as the images have it."""
+    from panoloc_mcl.tools.conventions import convention_findings
+    from panoloc_mcl.tools.datasets import read_dataset, resolve_dataset
+
+    return convention_findings(read_dataset(resolve_dataset(name)))
 
 
 def _faults_together(config: RunConfig) -> list[str]:

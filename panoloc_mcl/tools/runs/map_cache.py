@@ -6,6 +6,7 @@ import hashlib
 import json
 import re
 import warnings
+from dataclasses import replace
 
 from panoloc_mcl.robot.camera import to_mapping
 from panoloc_mcl.robot.errors import MapError, OutputError
@@ -16,6 +17,7 @@ from panoloc_mcl.robot.observation import build_settings, model_named
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.settings.config import ObservationSettings
 from panoloc_mcl.robot.settings.map import MapSettings
+from panoloc_mcl.tools.conventions import reference_findings
 from panoloc_mcl.tools.datasets import Dataset
 from panoloc_mcl.tools.runs.source import OF_MAPS, source_digest
 
@@ -49,6 +51,7 @@ def cached_map(
     except MapError as error:
         warnings.warn(f"cached map left aside: {error}", RuntimeWarning, stacklevel=2)
     built = PanoramaMap.build(dataset, observation, seed, progress, settings)
+    built = replace(built, notes=(*reference_findings(dataset.references), *built.notes))
     try:
         built.save(path)
     except OutputError as error:

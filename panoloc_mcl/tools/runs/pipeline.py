@@ -21,6 +21,7 @@ from panoloc_mcl.robot.localizer import Localizer
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.observation import ObservationModel
 from panoloc_mcl.tools.config import RunConfig
+from panoloc_mcl.tools.conventions import drive_findings, stamp_findings
 from panoloc_mcl.tools.datasets import Dataset, read_dataset, resolve_dataset, truth_at
 from panoloc_mcl.tools.datasets import Sequence as Drive
 from panoloc_mcl.tools.datasets.from_drive import references_from
@@ -31,6 +32,9 @@ from panoloc_mcl.tools.report.sinks import Departure, Frame, NullSink, Scene, Si
 from panoloc_mcl.tools.report.steps import COVARIANCE
 from panoloc_mcl.tools.runs.map_cache import cached_map
 from panoloc_mcl.tools.streams import answers, recorded
+
+# Of how many drives, and by how many pairs of images each, conventions are held against the images before a run.
+_DRIVES_HELD, _PAIRS_HELD = 2, 12
 
 
 class Monitor(Protocol):
@@ -129,6 +133,9 @@ def run(config: RunConfig, command: Sequence[str] = (), monitor: Monitor | None 
             monitor.notice(f"sequence {task.drive.name}: {note}")
         if task.drive.odometry is None:
             monitor.notice(f"sequence {task.drive.name}: has no odometry, runs on images only")
+    for drive in dataset.select(config.sequences)[:_DRIVES_HELD]:
+        for line in stamp_findings(drive) or drive_findings(drive, _PAIRS_HELD):
+            monitor.notice(line)
     writer = ResultsWriter(config.out, config.name, datetime.now())
     info = run_info(config, dataset, command)
     writer.write_config(config.model_dump(mode="json"))
