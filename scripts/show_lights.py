@@ -15,8 +15,8 @@ import sys
 import cv2
 import numpy as np
 
-from panoloc_mcl.laboratory.simulation.backend import backend
 from panoloc_mcl.laboratory.simulation.building import build
+from panoloc_mcl.laboratory.simulation.engine.backend import backend
 from panoloc_mcl.laboratory.simulation.optics import expose, ray_table
 from panoloc_mcl.laboratory.simulation.renderer import RayCaster
 from panoloc_mcl.laboratory.simulation.scene import load_scene

@@ -16,6 +16,7 @@ def run_tool(*command):
         pytest.skip(f"{command[0]} is not installed")
     done = subprocess.run([program if program.exists() else command[0], *command[1:]], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
 
 
 def test_parts_import_only_what_they_may():
@@ -32,6 +33,25 @@ def test_style():
 
 def test_format():
     run_tool("ruff", "format", "--no-cache", "--check", ".")
+
+
+def test_no_two_places_hold_the_same_logic():
+    files = [str(path) for folder in ("panoloc_mcl", "scripts") for path in sorted((ROOT / folder).rglob("*.py"))]
+    ignored = ("--ignore-comments", "--ignore-docstrings", "--ignore-imports", "--ignore-signatures")
+    said = run_tool("symilar", "--duplicates", "6", *ignored, *files)
+    assert "duplicates=0" in said, said
+
+
+def test_no_folder_is_a_heap():
+    """Folders of more than twelve files have sub-folders in which they are sorted."""
+    folders = {path.parent for path in (ROOT / "panoloc_mcl").rglob("*.py")}
+    heaps = {}
+    for folder in folders:
+        files = [path for path in folder.iterdir() if path.is_file() and path.name != "__init__.py"]
+        sorted_in = [path for path in folder.iterdir() if path.is_dir() and any(path.glob("*.py"))]
+        if len(files) > 12 and not sorted_in:
+            heaps[folder.relative_to(ROOT).as_posix()] = len(files)
+    assert heaps == {}
 
 
 def test_one_file_one_idea():

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.laboratory.reports import Number, Report
-from panoloc_mcl.laboratory.simulation.backend import LLVM, SCALAR, backend
+from panoloc_mcl.laboratory.simulation.engine.backend import LLVM, SCALAR, backend
 from panoloc_mcl.laboratory.simulation.optics import expose, ray_table
 from panoloc_mcl.laboratory.simulation.renderer import Daylight, LightTransport, sources_of
 from panoloc_mcl.laboratory.simulation.settings import load_simulation

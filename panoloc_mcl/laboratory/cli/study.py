@@ -14,6 +14,7 @@ STUDIES = (
     "confidence",
     "poses",
     "consistency",
+    "light",
 )
 
 _MEMBERS: list[Reporting] = [importlib.import_module(f"panoloc_mcl.laboratory.cli.studies.{name}").COMMAND for name in STUDIES]

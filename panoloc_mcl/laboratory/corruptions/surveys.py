@@ -14,8 +14,8 @@ from panoloc_mcl.laboratory.corruptions.draft import Draft, Float64, Folder, mov
 from panoloc_mcl.robot.errors import ConfigError
 from panoloc_mcl.robot.geometry import between, compose, wrap_angle
 from panoloc_mcl.robot.settings.validation import StrictModel
-from panoloc_mcl.tools.datasets.splice import group_of
 from panoloc_mcl.tools.datasets.trajectory import Trajectory
+from panoloc_mcl.tools.evaluation.record import group_of
 
 NonNegative = Annotated[float, Field(ge=0.0, le=1e3)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]

@@ -10,8 +10,8 @@ import numpy as np
 
 from panoloc_mcl.robot.geometry import FloatArray
 from panoloc_mcl.tools.datasets import Dataset
-from panoloc_mcl.tools.datasets.splice import group_of
 from panoloc_mcl.tools.evaluation.definitions import PASS_RADIUS_M
+from panoloc_mcl.tools.evaluation.record import group_of
 from panoloc_mcl.tools.evaluation.tables import PAPER_TABLE_2
 
 PAPER, KALMAN, MONTE_CARLO = "paper, Kalman", "default, Kalman", "default, Monte Carlo, nothing known"

@@ -23,7 +23,7 @@ from panoloc_mcl.laboratory.reproduction.votes import figure_4
 from panoloc_mcl.robot.errors import ConfigError
 from panoloc_mcl.robot.files import write_atomically
 from panoloc_mcl.tools.datasets import Dataset, read_dataset, resolve_dataset
-from panoloc_mcl.tools.datasets.splice import group_of
+from panoloc_mcl.tools.evaluation.record import group_of
 from panoloc_mcl.tools.runs.pipeline import Monitor
 
 

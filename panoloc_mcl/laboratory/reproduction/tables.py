@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +13,7 @@ from panoloc_mcl.laboratory.comparison.pooling import Group
 from panoloc_mcl.laboratory.comparison.study import Study
 from panoloc_mcl.laboratory.comparison.summary import rate
 from panoloc_mcl.laboratory.reproduction.methods import LIGHTS, PAPER
+from panoloc_mcl.laboratory.studies.light import PAPER_TABLE_1, metered
 from panoloc_mcl.robot.errors import ConfigError
 from panoloc_mcl.robot.files import write_atomically
 from panoloc_mcl.robot.geometry import FloatArray
@@ -23,15 +23,14 @@ from panoloc_mcl.tools.evaluation.definitions import PASS_RADIUS_M
 from panoloc_mcl.tools.evaluation.events import find_events
 from panoloc_mcl.tools.evaluation.tables import PAPER_TABLE_2, interval, number, percent
 
-# Minimum, maximum, mean and standard deviation, lux.
-TABLE_1 = {"noon": (335, 1288, 690.9, 248.8), "afternoon": (219, 857, 498.6, 157.9), "evening": (111, 320, 203.7, 63.1)}
-_METER_HEIGHT_M = 0.02
-
 
 def table_1(dataset: Dataset, lights: Sequence[str], scene: str | None, samples: int, out: Path) -> list[str]:
     """Light at the places beside the paper's."""
     lines = ["## Table 1: light at the reference places, lux", ""]
-    measured = lux_of(dataset.path / "lux.csv") or ({} if scene is None else metered(dataset, lights, scene, samples))
+    measured = lux_of(dataset.path / "lux.csv")
+    if not measured and scene is not None:
+        positions = dataset.references.poses[:, :2]
+        measured = {light: lux for light, (lux, _) in metered(scene, positions, lights, samples).items()}
     lines += ["| light | paper: min / max / mean / sd | here |", "|---|---|---|"]
     rows = []
     for light in lights:
@@ -41,34 +40,12 @@ def table_1(dataset: Dataset, lights: Sequence[str], scene: str | None, samples:
             found = (values.min(), values.max(), values.mean(), values.std(ddof=1) if len(values) > 1 else 0.0)
             here = " / ".join(f"{value:.1f}" for value in found)
             rows.append([light, *map(repr, map(float, found))])
-        lines.append(f"| {light} | {' / '.join(f'{value:g}' for value in TABLE_1[light])} | {here} |")
+        lines.append(f"| {light} | {' / '.join(f'{value:g}' for value in PAPER_TABLE_1[light])} | {here} |")
     if not measured:
         lines += ["", f"`{dataset.name}` has no `lux.csv`, and no `--scene` was named: its light was not measured."]
     else:
         write_csv(out / "table_1.csv", ("light", "min", "max", "mean", "sd"), rows)
     return [*lines, ""]
-
-
-def metered(dataset: Dataset, lights: Sequence[str], name: str, samples: int) -> dict[str, FloatArray]:
-    """What a light meter on the floor says at the references of a simulated data set, lux.
-
-    Raises
-    ------
-    PanolocError
-        No such scene, a light that it has not, or the renderer is not installed.
-    """
-    from panoloc_mcl.laboratory.simulation.backend import backend
-    from panoloc_mcl.laboratory.simulation.building import build
-    from panoloc_mcl.laboratory.simulation.scene import load_scene
-    from panoloc_mcl.laboratory.simulation.world import illuminance
-
-    scene, folder = load_scene(name)
-    building, used = build(scene, folder), backend()
-    if used.remark:
-        print(f"note: {used.remark}", file=sys.stderr)
-    positions = dataset.references.poses[:, :2]
-    points = np.column_stack([positions, np.full(len(positions), _METER_HEIGHT_M)])
-    return {light: illuminance(building, light, points, used, samples)[0] for light in lights if light in scene.lights}
 
 
 def lux_of(path: Path) -> dict[str, FloatArray]:

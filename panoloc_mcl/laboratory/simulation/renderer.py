@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.laboratory.simulation.backend import Backend, mesh, opaque
+from panoloc_mcl.laboratory.simulation.engine.backend import Backend, mesh, opaque
 from panoloc_mcl.laboratory.simulation.patches import Patches
 from panoloc_mcl.laboratory.simulation.scene import Light, Site
 from panoloc_mcl.laboratory.simulation.sun import sun_direction

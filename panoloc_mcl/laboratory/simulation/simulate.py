@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.laboratory.simulation.backend import Backend, backend
 from panoloc_mcl.laboratory.simulation.building import Building, build
 from panoloc_mcl.laboratory.simulation.drive import FreeSpace, RoadMap, driven, reference_poses, reported, wander
+from panoloc_mcl.laboratory.simulation.engine.backend import Backend, backend
 from panoloc_mcl.laboratory.simulation.optics import RayTable, expose, overlaid, ray_table, read_body
 from panoloc_mcl.laboratory.simulation.people import Person, Walk
 from panoloc_mcl.laboratory.simulation.renderer import RayCaster

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.laboratory.simulation.backend import Backend
 from panoloc_mcl.laboratory.simulation.building import Building
+from panoloc_mcl.laboratory.simulation.engine.backend import Backend
 from panoloc_mcl.laboratory.simulation.optics import RayTable, tilted
 from panoloc_mcl.laboratory.simulation.patches import look_up
 from panoloc_mcl.laboratory.simulation.people import Person, hit_people

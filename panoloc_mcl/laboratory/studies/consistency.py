@@ -27,9 +27,9 @@ from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.tools.config import RunConfig
 from panoloc_mcl.tools.datasets import Dataset, read_dataset, resolve_dataset
 from panoloc_mcl.tools.datasets import Sequence as Drive
-from panoloc_mcl.tools.datasets.splice import group_of
 from panoloc_mcl.tools.datasets.trajectory import Trajectory
 from panoloc_mcl.tools.evaluation import consistency
+from panoloc_mcl.tools.evaluation.record import group_of
 from panoloc_mcl.tools.runs.map_cache import cached_map
 from panoloc_mcl.tools.streams import answers, recorded
 

@@ -34,8 +34,9 @@ from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.tools.config import RunConfig, config_from_mapping
 from panoloc_mcl.tools.config.overrides import Override
 from panoloc_mcl.tools.datasets import read_dataset, read_image, resolve_dataset
-from panoloc_mcl.tools.datasets.splice import group_of, teleports_of
+from panoloc_mcl.tools.datasets.splice import teleports_of
 from panoloc_mcl.tools.evaluation import SequenceRecord
+from panoloc_mcl.tools.evaluation.record import group_of
 from panoloc_mcl.tools.runs.map_cache import cached_map
 from panoloc_mcl.tools.runs.pipeline import Task
 from panoloc_mcl.tools.streams import answers, recorded

@@ -18,8 +18,8 @@ from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.observation import VoteField
 from panoloc_mcl.tools.datasets import Dataset, read_image
 from panoloc_mcl.tools.datasets import Sequence as Drive
-from panoloc_mcl.tools.datasets.splice import group_of
 from panoloc_mcl.tools.evaluation.definitions import PASS_RADIUS_M, is_within
+from panoloc_mcl.tools.evaluation.record import group_of
 
 #: Metres and degrees of the tiers that single images are judged by.
 TIERS = ((0.25, 3.0), (0.10, 1.0))

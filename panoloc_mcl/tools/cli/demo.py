@@ -6,9 +6,9 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from panoloc_mcl.tools.cli.command import Command, add_json_option, add_set_option, overrides_of
+from panoloc_mcl.tools.cli.command import Command
 from panoloc_mcl.tools.cli.notices import note
-from panoloc_mcl.tools.cli.run import add_rerun_option, print_outcome, watched_run
+from panoloc_mcl.tools.cli.run import add_run_options, overrides_of_run, print_outcome, watched_run
 
 if TYPE_CHECKING:
     from panoloc_mcl.tools.runs.pipeline import Outcome
@@ -50,22 +50,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Which demo, ``--open``, ``--set``, ``--seed``, ``--out``, ``--rerun``, ``--json``."""
     parser.add_argument("demo", choices=tuple(DEMOS), help="; ".join(f"{name}: {story}" for name, story in _STORY.items()))
     parser.add_argument("--open", action="store_true", help="open the report in the browser")
-    add_set_option(parser)
-    parser.add_argument("--seed", type=int, metavar="N", help="seed of everything random")
-    parser.add_argument("--out", metavar="DIR", help="folder the results folder is made in")
-    add_rerun_option(parser)
-    add_json_option(parser)
+    add_run_options(parser)
 
 
 def execute(args: argparse.Namespace) -> int:
     """Run it, print the table, write the moving picture, and print last where the results are."""
-    from panoloc_mcl.tools.config import Override, config_from_mapping
+    from panoloc_mcl.tools.config import config_from_mapping
 
-    named = [
-        Override(key, value, f"--{key} {value}") for key, value in (("seed", args.seed), ("out", args.out)) if value is not None
-    ]
     settings = {"name": f"demo_{args.demo}", "dataset": DATASET, **DEMOS[args.demo]}
-    config = config_from_mapping(settings, "demo", overrides_of(args, named))
+    config = config_from_mapping(settings, "demo", overrides_of_run(args))
     note(_STORY[args.demo])
     note(_SLOWED)
     outcome = watched_run(config, args)

@@ -27,12 +27,12 @@ _COMMANDS = (
     "laboratory.cli.study",
     "laboratory.cli.reproduce",
     "laboratory.cli.benchmark",
-    "tools.cli.evaluate",
-    "tools.cli.inspect",
-    "tools.cli.plot",
-    "tools.cli.check",
-    "tools.cli.schema",
-    "tools.cli.warmup",
+    "tools.cli.results.evaluate",
+    "tools.cli.results.inspect",
+    "tools.cli.results.plot",
+    "tools.cli.checks.check",
+    "tools.cli.checks.schema",
+    "tools.cli.checks.warmup",
 )
 
 

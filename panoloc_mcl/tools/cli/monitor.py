@@ -6,25 +6,17 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from panoloc_mcl.tools.cli.notices import note
 
 if TYPE_CHECKING:
     import rich.progress
 
+    from panoloc_mcl.tools.runs.pipeline import Monitor
+
 # Between two lines about the same thing, where there is no terminal.
 _LINE_EVERY_S = 5.0
-
-
-class Monitor(Protocol):
-    """What the pipeline reports to."""
-
-    def progress(self, done: int, total: int, what: str) -> None:
-        """``done`` of ``total`` steps of ``what`` are over."""
-
-    def notice(self, text: str) -> None:
-        """Something that the user should read."""
 
 
 @contextmanager

@@ -9,18 +9,31 @@ from panoloc_mcl.tools.cli.command import Command, add_json_option, add_set_opti
 from panoloc_mcl.tools.cli.notices import note
 
 if TYPE_CHECKING:
-    from panoloc_mcl.tools.config import RunConfig
+    from panoloc_mcl.tools.config import Override, RunConfig
     from panoloc_mcl.tools.runs.pipeline import Outcome
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """CONFIG, ``--set``, ``--seed``, ``--out``, ``--rerun``, ``--json``."""
     parser.add_argument("config", metavar="CONFIG", help="YAML file, such as configs/global.yaml")
+    add_run_options(parser)
+
+
+def add_run_options(parser: argparse.ArgumentParser) -> None:
+    """What every command that runs takes: ``--set``, ``--seed``, ``--out``, ``--rerun``, ``--json``."""
     add_set_option(parser)
     parser.add_argument("--seed", type=int, metavar="N", help="seed of everything random")
     parser.add_argument("--out", metavar="DIR", help="folder the results folder is made in")
     add_rerun_option(parser)
     add_json_option(parser)
+
+
+def overrides_of_run(args: argparse.Namespace) -> list[str | Override]:
+    """The values of ``--set``, ``--seed`` and ``--out``."""
+    from panoloc_mcl.tools.config import Override
+
+    named = [(key, value) for key, value in (("seed", args.seed), ("out", args.out)) if value is not None]
+    return overrides_of(args, [Override(key, value, f"--{key} {value}") for key, value in named])
 
 
 def add_rerun_option(parser: argparse.ArgumentParser) -> None:
@@ -36,12 +49,9 @@ def add_rerun_option(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Run, print the figures, and last the path of the results folder."""
-    from panoloc_mcl.tools.config import Override, load_config
+    from panoloc_mcl.tools.config import load_config
 
-    named = [
-        Override(key, value, f"--{key} {value}") for key, value in (("seed", args.seed), ("out", args.out)) if value is not None
-    ]
-    config = load_config(args.config, overrides_of(args, named))
+    config = load_config(args.config, overrides_of_run(args))
     print_outcome(watched_run(config, args), config, as_json=args.json)
     return 0
 

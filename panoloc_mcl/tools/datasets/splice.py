@@ -13,13 +13,9 @@ from panoloc_mcl.robot.geometry import between, compose
 from panoloc_mcl.robot.images import ImageSource
 from panoloc_mcl.tools.datasets.dataset import Sequence
 from panoloc_mcl.tools.datasets.trajectory import Trajectory
+from panoloc_mcl.tools.evaluation.record import group_of
 
 Float64 = NDArray[np.float64]
-
-
-def group_of(name: str) -> str:
-    """The name up to its last underscore, ``noon`` of ``noon_00``; the whole name if it has none."""
-    return name.rpartition("_")[0] or name
 
 
 def splice(sequences: list[Sequence], every_frames: int, rng: np.random.Generator) -> list[tuple[Sequence, NDArray[np.bool_]]]:

@@ -14,6 +14,11 @@ from panoloc_mcl.robot.geometry import FloatArray, angle_difference
 from panoloc_mcl.tools.evaluation.definitions import STATUSES
 
 
+def group_of(name: str) -> str:
+    """The group of a sequence: its name up to the last underscore, ``noon`` of ``noon_00``; the whole name if it has none."""
+    return name.rpartition("_")[0] or name
+
+
 @dataclass(frozen=True, eq=False)
 class SequenceRecord:
     """Estimates of one run over one sequence, one entry a frame.
@@ -103,7 +108,7 @@ class SequenceRecord:
     @property
     def group(self) -> str:
         """Name up to the last underscore; the whole name if it has none."""
-        return self.name.rpartition("_")[0] or self.name
+        return group_of(self.name)
 
     @property
     def converged(self) -> NDArray[np.bool_]:

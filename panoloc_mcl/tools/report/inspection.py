@@ -19,7 +19,7 @@ from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.references import ReferencePanoramas
 from panoloc_mcl.tools.datasets import Dataset
 from panoloc_mcl.tools.report.facts import facts
-from panoloc_mcl.tools.report.results_reader import Results
+from panoloc_mcl.tools.report.results.results_reader import Results
 
 # More references are sampled evenly.
 _MOST_REFERENCES = 200

@@ -13,9 +13,9 @@ from scipy.spatial import cKDTree
 
 from panoloc_mcl.robot.geometry import FloatArray
 from panoloc_mcl.tools.evaluation import SequenceRecord
-from panoloc_mcl.tools.report import layout
-from panoloc_mcl.tools.report.recording import Recording
-from panoloc_mcl.tools.report.steps import STAGE_PREFIX, TOTAL, read_figures, read_messages
+from panoloc_mcl.tools.report.results import layout
+from panoloc_mcl.tools.report.results.recording import Recording
+from panoloc_mcl.tools.report.results.steps import STAGE_PREFIX, TOTAL, read_figures, read_messages
 
 # More points only make the page slow; errors then are the largest of each bin.
 _MOST_POINTS = 3000

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from panoloc_mcl.robot.errors import OutputError
 from panoloc_mcl.robot.geometry import FloatArray, angle_difference
 from panoloc_mcl.tools.evaluation import SequenceRecord
-from panoloc_mcl.tools.report.recording import thinned
+from panoloc_mcl.tools.report.results.recording import thinned
 from panoloc_mcl.tools.report.sinks import Departure, Frame, Scene
 
 if TYPE_CHECKING:

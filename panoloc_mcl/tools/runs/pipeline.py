@@ -28,8 +28,8 @@ from panoloc_mcl.tools.datasets.from_drive import references_from
 from panoloc_mcl.tools.datasets.splice import splice, teleports_of
 from panoloc_mcl.tools.evaluation import SequenceRecord, evaluate
 from panoloc_mcl.tools.report import FrameRecorder, ResultsWriter, render_report, render_summary
+from panoloc_mcl.tools.report.results.steps import COVARIANCE
 from panoloc_mcl.tools.report.sinks import Departure, Frame, NullSink, Scene, Sink, Sinks
-from panoloc_mcl.tools.report.steps import COVARIANCE
 from panoloc_mcl.tools.runs.map_cache import cached_map
 from panoloc_mcl.tools.streams import answers, recorded
 

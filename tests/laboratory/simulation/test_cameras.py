@@ -8,8 +8,8 @@ import pytest
 
 pytest.importorskip("mitsuba")
 
-from panoloc_mcl.laboratory.simulation.backend import backend
 from panoloc_mcl.laboratory.simulation.building import build
+from panoloc_mcl.laboratory.simulation.engine.backend import backend
 from panoloc_mcl.laboratory.simulation.optics import overlaid, ray_table
 from panoloc_mcl.laboratory.simulation.people import Person
 from panoloc_mcl.laboratory.simulation.scene import load_scene

@@ -9,8 +9,8 @@ import pytest
 
 pytest.importorskip("mitsuba")
 
-from panoloc_mcl.laboratory.simulation import llvm
-from panoloc_mcl.laboratory.simulation.llvm import VARIABLE, Choice, candidates, choose, try_library
+from panoloc_mcl.laboratory.simulation.engine import llvm
+from panoloc_mcl.laboratory.simulation.engine.llvm import VARIABLE, Choice, candidates, choose, try_library
 
 
 @pytest.fixture(autouse=True)
@@ -132,7 +132,7 @@ def test_a_cache_that_cannot_be_written_stops_nothing(tried, tmp_path, monkeypat
 def test_without_one_that_works_it_is_scalar_and_said(library, variant, code):
     """In a process of its own: Mitsuba keeps the library that it was imported with."""
     program = (
-        "from panoloc_mcl.laboratory.simulation import backend, llvm; from panoloc_mcl.robot.errors import ConfigError\n"
+        "from panoloc_mcl.laboratory.simulation.engine import backend, llvm; from panoloc_mcl.robot.errors import ConfigError\n"
         "llvm.candidates = list\n"
         "try:\n  used = backend.backend()\n  print(used.variant); print(used.remark)\n"
         "except ConfigError as error:\n  print(error); raise SystemExit(2)\n"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from panoloc_mcl.tools.cli.plot import FIGURES
+from panoloc_mcl.tools.cli.results.plot import FIGURES
 from panoloc_mcl.tools.datasets import EMBEDDED
 from panoloc_mcl.tools.report import figures
 

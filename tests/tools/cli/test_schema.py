@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from panoloc_mcl.tools.cli.schema import schema_text
+from panoloc_mcl.tools.cli.checks.schema import schema_text
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 

@@ -12,7 +12,8 @@ from panoloc_mcl.robot.errors import DatasetError
 from panoloc_mcl.robot.geometry import angle_difference, between, compose
 from panoloc_mcl.tools.datasets import Trajectory
 from panoloc_mcl.tools.datasets.dataset import Sequence
-from panoloc_mcl.tools.datasets.splice import group_of, splice
+from panoloc_mcl.tools.datasets.splice import splice
+from panoloc_mcl.tools.evaluation.record import group_of
 
 CAMERA = PanoramaCamera(elevation_deg=(-50.0, 25.0))
 

@@ -7,7 +7,7 @@ from panoloc_mcl.robot.errors import OutputError, ResultsError
 from panoloc_mcl.tools.config import config_from_mapping
 from panoloc_mcl.tools.report import FrameRecorder
 from panoloc_mcl.tools.report.page import grid_of, run_data
-from panoloc_mcl.tools.report.recording import Recording, thinned
+from panoloc_mcl.tools.report.results.recording import Recording, thinned
 from panoloc_mcl.tools.report.sinks import NullSink, Scene, Sinks
 from panoloc_mcl.tools.runs.map_cache import cached_map
 from panoloc_mcl.tools.runs.pipeline import SilentMonitor, localize, make_tasks
@@ -122,7 +122,7 @@ def test_the_page_is_told_the_same(observed):
     record, *_ = observed
     recording = observed[2]
     folder = observed[4]
-    from panoloc_mcl.tools.report.steps import steps_text
+    from panoloc_mcl.tools.report.results.steps import steps_text
 
     run = folder / record.name / "run_0"
     (run / "steps.csv").write_text(steps_text(record, observed[1]))

@@ -10,6 +10,7 @@ from panoloc_mcl.robot.geometry import FloatArray
 from panoloc_mcl.robot.observation import Places
 from panoloc_mcl.robot.references import ReferencePanoramas
 from panoloc_mcl.tools.datasets import Dataset
+from panoloc_mcl.tools.evaluation.record import group_of
 from panoloc_mcl.tools.report.figures.style import BLUE, GREEN, ORANGE, PINK, RED, SKY, VOTE_COLORS
 from panoloc_mcl.tools.report.inspection import Confusion, Eigenimages
 
@@ -99,7 +100,7 @@ def _draw_coverage(axes: Axes, positions: FloatArray, places: Places, dataset: D
     for name, drive in () if dataset is None else dataset.sequences.items():
         if drive.groundtruth is None:
             continue
-        group = name.rpartition("_")[0] or name
+        group = group_of(name)
         label = None if group in groups else group
         color = groups.setdefault(group, _COLORS[len(groups) % len(_COLORS)])
         axes.plot(*drive.groundtruth.at(drive.times)[:, :2].T, color=color, linewidth=0.9, label=label)

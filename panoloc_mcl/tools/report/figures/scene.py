@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.robot.geometry import FloatArray
 from panoloc_mcl.tools.evaluation import SequenceRecord
-from panoloc_mcl.tools.report import layout
 from panoloc_mcl.tools.report.highlights import metres
 from panoloc_mcl.tools.report.page import grid_of
-from panoloc_mcl.tools.report.recording import Recording
-from panoloc_mcl.tools.report.results_reader import Results
+from panoloc_mcl.tools.report.results import layout
+from panoloc_mcl.tools.report.results.recording import Recording
+from panoloc_mcl.tools.report.results.results_reader import Results
 
 
 @dataclass(frozen=True, eq=False)

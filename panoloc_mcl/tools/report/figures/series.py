@@ -10,7 +10,7 @@ import numpy as np
 from panoloc_mcl.robot.geometry import FloatArray
 from panoloc_mcl.tools.evaluation import SequenceRecord
 from panoloc_mcl.tools.report.figures.style import BLUE, GREEN, INK, ORANGE, RED, SKY, STATUS_COLORS, WIDTH_IN, YELLOW
-from panoloc_mcl.tools.report.steps import STAGE_PREFIX, TOTAL
+from panoloc_mcl.tools.report.results.steps import STAGE_PREFIX, TOTAL
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -51,7 +51,7 @@ def _look(what: str, watching: Any) -> tuple[Inspection, Any]:
     """What was found, and how to draw it."""
     from panoloc_mcl.robot.errors import ResultsError
     from panoloc_mcl.tools.datasets import EMBEDDED
-    from panoloc_mcl.tools.report import layout
+    from panoloc_mcl.tools.report.results import layout
 
     path = Path(what)
     if (path / "dataset.yaml").is_file() or (what in EMBEDDED and not path.exists()):

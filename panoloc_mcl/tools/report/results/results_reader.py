@@ -18,8 +18,8 @@ from panoloc_mcl.robot.settings.validation import read_yaml
 from panoloc_mcl.tools.datasets.trajectory import Trajectory, read_tum
 from panoloc_mcl.tools.evaluation.definitions import ROUNDING_S
 from panoloc_mcl.tools.evaluation.record import SequenceRecord
-from panoloc_mcl.tools.report import layout
-from panoloc_mcl.tools.report.steps import read_steps
+from panoloc_mcl.tools.report.results import layout
+from panoloc_mcl.tools.report.results.steps import read_steps
 
 _RUN_FOLDER = re.compile(r"run_(\d+)")
 

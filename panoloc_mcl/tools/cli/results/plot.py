@@ -40,7 +40,8 @@ def execute(args: argparse.Namespace) -> int:
     """Draw it and print the path."""
     from pathlib import Path
 
-    from panoloc_mcl.tools.report import layout, read_results
+    from panoloc_mcl.tools.report import read_results
+    from panoloc_mcl.tools.report.results import layout
     from panoloc_mcl.tools.report.figures import (
         Shot,
         draw_errors,
@@ -52,7 +53,7 @@ def execute(args: argparse.Namespace) -> int:
         style,
         write_figure,
     )
-    from panoloc_mcl.tools.report.steps import read_figures
+    from panoloc_mcl.tools.report.results.steps import read_figures
 
     need_matplotlib()
     results = read_results(Path(args.results))

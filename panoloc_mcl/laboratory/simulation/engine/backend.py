@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.laboratory.simulation.llvm import VARIABLE, Choice, choose
+from panoloc_mcl.laboratory.simulation.engine.llvm import VARIABLE, Choice, choose
 from panoloc_mcl.robot.errors import ConfigError
 
 LLVM, SCALAR = VARIANTS = ("llvm_ad_rgb", "scalar_rgb")

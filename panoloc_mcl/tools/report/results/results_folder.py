@@ -22,9 +22,9 @@ from panoloc_mcl.robot.files import write_atomically
 from panoloc_mcl.robot.settings.validation import dump_yaml
 from panoloc_mcl.tools.datasets.trajectory import Trajectory, write_tum
 from panoloc_mcl.tools.evaluation.record import SequenceRecord
-from panoloc_mcl.tools.report import layout
-from panoloc_mcl.tools.report.results_reader import read_run
-from panoloc_mcl.tools.report.steps import steps_text
+from panoloc_mcl.tools.report.results import layout
+from panoloc_mcl.tools.report.results.results_reader import read_run
+from panoloc_mcl.tools.report.results.steps import steps_text
 
 _ELSEWHERE = "choose another folder with --out, or mend permissions and free space"
 

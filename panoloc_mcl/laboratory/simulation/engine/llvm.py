@@ -23,7 +23,7 @@ from panoloc_mcl.robot.files import cache_folder, write_atomically
 VARIABLE = "DRJIT_LIBLLVM_PATH"
 INSTALL = f"install LLVM 17 or newer (Debian: libllvm19), or set {VARIABLE}"
 
-_TRIAL = "from panoloc_mcl.laboratory.simulation.trial import trial; trial()"
+_TRIAL = "from panoloc_mcl.laboratory.simulation.engine.trial import trial; trial()"
 _PATIENCE_S = 180.0
 # Where systems put it: Debian and Ubuntu, Fedora, others, Homebrew, MacPorts.
 _FOLDERS = (

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from panoloc_mcl.robot.geometry import FloatArray
 from panoloc_mcl.robot.observation import VoteField
 from panoloc_mcl.tools.evaluation import SequenceRecord
-from panoloc_mcl.tools.report import layout
-from panoloc_mcl.tools.report.recording import FULL, Recording, thinned
+from panoloc_mcl.tools.report.results import layout
+from panoloc_mcl.tools.report.results.recording import FULL, Recording, thinned
 from panoloc_mcl.tools.report.sinks import Departure, Frame, Scene
 
 #: Frames that are kept of all sequences together; of more, every second, third, … is.

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from panoloc_mcl.laboratory.simulation.backend import LLVM, set_up
-from panoloc_mcl.laboratory.simulation.llvm import Choice
+from panoloc_mcl.laboratory.simulation.engine.backend import LLVM, set_up
+from panoloc_mcl.laboratory.simulation.engine.llvm import Choice
 from panoloc_mcl.laboratory.simulation.patches import PatchList, assemble
 from panoloc_mcl.laboratory.simulation.renderer import Daylight, LightTransport, RayCaster, sources_of
 from panoloc_mcl.laboratory.simulation.scene import Light, Site

@@ -1,0 +1,1 @@
+"""Mitsuba, and whether this machine can run it."""

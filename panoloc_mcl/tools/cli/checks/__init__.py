@@ -1,0 +1,1 @@
+"""Commands that run nothing: configurations checked and described, kernels compiled."""
