@@ -36,6 +36,8 @@ class References:
         ``base`` or ``camera``.
     sds : ndarray of float64, shape (n, 2), optional
         Standard deviations of position (each axis, metres) and heading (radians); NaN where they are not known.
+    rows : (int, int), optional
+        First row to use of the panoramas, and the one after the last; all if left out.
     """
 
     path: Path
@@ -45,6 +47,13 @@ class References:
     image_size: tuple[int, int]
     poses_of: Literal["base", "camera"] = "base"
     sds: NDArray[np.float64] | None = None
+    rows: tuple[int, int] | None = None
+
+    @property
+    def geometry(self) -> PanoramaGeometry:
+        """Of the panoramas that they become."""
+        whole = geometry_of(self.camera, self.image_size)
+        return whole if self.rows is None else whole.of_rows(*self.rows)
 
     @property
     def base_headings(self) -> NDArray[np.float64]:
@@ -141,7 +150,7 @@ def read_references(source: References, progress: Progress = no_progress) -> Ref
     """
     if len(source) == 0:
         raise DatasetError(f"{source.path}: no references; a map needs at least one row in poses.csv")
-    geometry = geometry_of(source.camera, source.image_size)
+    geometry = source.geometry
     pixels = np.empty((len(source), *geometry.shape), dtype=np.uint8)
     seen: list[NDArray[np.bool_] | None] = []
     unwrappers: dict[float, Unwrapper] = {}

@@ -59,7 +59,9 @@ def angles_of(rays: Float64) -> tuple[Float64, Float64]:
     return np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))
 
 
-def pixels_of(camera: AnyCamera, image_size: tuple[int, int], azimuth: Float64, elevation: Float64) -> Pixels:
+def pixels_of(
+    camera: AnyCamera, image_size: tuple[int, int], azimuth: Float64, elevation: Float64, *, bounded: bool = True
+) -> Pixels:
     """Pixels that look along directions of the camera's own frame.
 
     Parameters
@@ -69,6 +71,8 @@ def pixels_of(camera: AnyCamera, image_size: tuple[int, int], azimuth: Float64, 
         Width and height.
     azimuth, elevation : float64
         Radians.
+    bounded : bool
+        Rows of cylinders end with the image; otherwise they go on beyond it.
     """
     if isinstance(camera, OmniCamera):
         return _omni(camera, image_size, azimuth, elevation)
@@ -76,7 +80,8 @@ def pixels_of(camera: AnyCamera, image_size: tuple[int, int], azimuth: Float64, 
         return _lens(camera, image_size, azimuth, elevation)
     if isinstance(camera, FisheyePairCamera):
         return _fisheye_pair(camera, image_size, rays_of(azimuth, elevation))
-    return _cylinder(camera, image_size, azimuth, elevation)
+    found = _cylinder(camera, image_size, azimuth, elevation)
+    return found._replace(v=np.clip(found.v, 0.0, image_size[1] - 1.0)) if bounded else found
 
 
 def heading_column_of(camera: PanoramaCamera | EquirectangularCamera, image_size: tuple[int, int]) -> float:
@@ -99,7 +104,7 @@ def _cylinder(
         seen = (elevation >= low - _WHOLE) & (elevation <= high + _WHOLE)
     else:
         seen = (v > -0.5 - _WHOLE) & (v < height - 0.5 + _WHOLE)
-    return Pixels(u, np.clip(v, 0.0, height - 1.0), np.broadcast_to(seen, u.shape))
+    return Pixels(u, v, np.broadcast_to(seen, u.shape))
 
 
 def _image_angle(camera: OmniCamera | LensCamera, azimuth: Float64) -> Float64:

@@ -46,6 +46,10 @@ def camera_with_files(data: Mapping[str, Any], folder: Path, source: str, prefix
                 found[name] = _calibrated(data[name], folder, f"{source}: {prefix}{name}.", whole=False)
             except CameraError as error:
                 faults.extend(error.faults)
+    if _is_ours(data.get("file"), folder):
+        path = folder / str(data["file"])
+        ours = camera_with_files(read_yaml(path), path.parent, str(path))
+        return {**ours, **{key: value for key, value in found.items() if key != "file"}}
     if "file" in data:
         try:
             found = _calibrated(found, folder, f"{source}: {prefix}", whole=True)
@@ -65,6 +69,16 @@ def read_camera(path: Path) -> AnyCamera:
         Every fault, one line each.
     """
     return camera_from_mapping(camera_with_files(read_yaml(path), path.parent, str(path)), str(path))
+
+
+def _is_ours(name: Any, folder: Path) -> bool:
+    """Whether a file is a ``camera.yaml`` of this package: a mapping that says what kind of camera it is."""
+    if not isinstance(name, str) or Path(name).suffix.lower() not in (".yaml", ".yml"):
+        return False
+    try:
+        return isinstance(read_yaml(folder / name).get("kind"), str)
+    except ConfigError:
+        return False
 
 
 def _calibrated(data: Mapping[str, Any], folder: Path, where: str, *, whole: bool) -> dict[str, Any]:

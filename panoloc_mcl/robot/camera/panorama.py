@@ -63,6 +63,12 @@ class PanoramaGeometry:
         """Elevation of the lower and of the upper edge, degrees."""
         return self.elevation_bottom_deg, self.elevation_top_deg
 
+    def of_rows(self, first: int, stop: int) -> PanoramaGeometry:
+        """The part between two rows, the second of which no longer belongs to it."""
+        step = (self.elevation_top_deg - self.elevation_bottom_deg) / self.height
+        top, bottom = self.elevation_top_deg - first * step, self.elevation_top_deg - stop * step
+        return PanoramaGeometry(self.width, stop - first, bottom, top)
+
     def azimuth_of_column(self, column: ArrayLike) -> FloatArray:
         """Azimuth that columns look along, radians in ``[-pi, pi)``, left positive; fractions and wraps allowed."""
         return wrap_angle(-2.0 * np.pi * np.asarray(column, dtype=np.float64) / self.width)

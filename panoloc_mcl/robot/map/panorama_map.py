@@ -8,6 +8,7 @@ for settings but pickled objects or arrays of text.)
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, Self
@@ -29,6 +30,7 @@ from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.references import ReferencePanoramas, References
 from panoloc_mcl.robot.settings.map import MapSettings
 from panoloc_mcl.robot.settings.observation import ObservationSettings, all_observation_settings
+from panoloc_mcl.robot.synthesis.explained_rows import explained
 
 FORMAT = "panoloc-map/1"
 _LEAST_SEEN = 0.5
@@ -113,10 +115,11 @@ class PanoramaMap:
         source = dataset.references
         # One BLAS thread, so that the order of sums, and with it the map to the last bit, does not depend on the machine's cores.
         with threadpool_limits(1, user_api="blas"):
+            source, left_out = explained(source, observation.votes, os.cpu_count() or 1)
             mended = mend(source, observation.votes, settings or MapSettings(), progress)
             references = mended.panoramas
             model = model_named(observation.model).build(references, observation.selected, seed, progress)
-        notes = (*mended.notes, *model.notes)
+        notes = (*left_out, *mended.notes, *model.notes)
         made = (observation, seed, model.arrays(), mended.keyframes, notes)
         return cls(dataset.name, references, source.camera, source.image_size, *made)
 

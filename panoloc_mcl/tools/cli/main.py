@@ -23,6 +23,7 @@ _COMMANDS = (
     "laboratory.cli.simulate",
     "laboratory.cli.corrupt",
     "tools.cli.build_map",
+    "tools.cli.calibrate",
     "laboratory.cli.compare",
     "laboratory.cli.study",
     "laboratory.cli.reproduce",

@@ -1,0 +1,135 @@
+"""Rows of the references that a floor and walls explain; ceilings, skies and the ground at the robot's feet are left out by themselves.
+
+Between a floor and a wall every pixel has a known distance, so a neighbour's image can be brought to a reference. Above, there may be a
+ceiling at any height; straight below, there is the robot. Rows are used as far as neighbours agree in them about as well as in the
+middle of the field.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+from scipy.spatial import cKDTree
+
+from panoloc_mcl.robot.eigenspace.gradients import orientations
+from panoloc_mcl.robot.references import ReferencePanoramas, References, read_references
+from panoloc_mcl.robot.settings.observation import VotesSettings
+from panoloc_mcl.robot.synthesis.depth import sweep_profiles
+from panoloc_mcl.robot.synthesis.views import ViewSynthesizer
+
+Float64 = NDArray[np.float64]
+
+# Whatever lies within has been compared in every room so far; only rows beyond are asked for.
+_CORE_DEG = (-60.0, 30.0)
+_FEWEST_CORE_ROWS = 8
+_EDGE_DEG = 1.0  # a field that ends so close to the core is used whole
+# Of the agreement in the core, over a few degrees of rows.
+_SHARE, _SMOOTHING_DEG = 0.6, 5.0
+# References looked at: clusters of neighbours.
+_CLUSTERS, _CLUSTER_SIZE = 3, 6
+
+
+def explained(source: References, settings: VotesSettings, threads: int = 1) -> tuple[References, tuple[str, ...]]:
+    """References that become panoramas of the rows that are worth comparing, and a note of what is left out.
+
+    Parameters
+    ----------
+    source : References
+    settings : VotesSettings
+    threads : int
+
+    Raises
+    ------
+    DatasetError, ImageError
+        As `read_references`, of references whose field is that high.
+    """
+    whole = source.geometry
+    if source.rows is not None or (
+        whole.elevation_bottom_deg >= _CORE_DEG[0] - _EDGE_DEG and whole.elevation_top_deg <= _CORE_DEG[1] + _EDGE_DEG
+    ):
+        return source, ()
+    rows = explained_rows(read_references(source), settings, threads)
+    if rows == slice(0, whole.height):
+        return source, ()
+    found = replace(source, rows=(rows.start, rows.stop))
+    kept = f"{found.geometry.elevation_bottom_deg:.0f} to {found.geometry.elevation_top_deg:.0f}"
+    given = f"{whole.elevation_bottom_deg:.0f} to {whole.elevation_top_deg:.0f}"
+    return found, (f"elevations {kept} of {given} degrees are used: a floor and walls do not explain the others",)
+
+
+def explained_rows(references: ReferencePanoramas, settings: VotesSettings, threads: int = 1) -> slice:
+    """The rows that are worth comparing.
+
+    Parameters
+    ----------
+    references : ReferencePanoramas
+    settings : VotesSettings
+    threads : int
+        References at work at once; the result does not depend on it.
+
+    Returns
+    -------
+    slice
+        Of rows: all, where the field ends within -60 and 30 degrees, or where nothing can be told (no height, no neighbours).
+    """
+    geometry = references.geometry
+    every = slice(0, geometry.height)
+    elevations = np.degrees(geometry.elevation_of_row(np.arange(geometry.height)))
+    core = np.flatnonzero((elevations >= _CORE_DEG[0]) & (elevations <= _CORE_DEG[1]))
+    height = references.camera_height_m
+    if len(core) in (geometry.height, *range(_FEWEST_CORE_ROWS)) or height is None:
+        return every
+    if len(np.unique(references.positions, axis=0)) < _CLUSTER_SIZE:
+        return slice(int(core[0]), int(core[-1]) + 1)
+    chosen = references.of(_clusters(references.positions))
+    inner = with_rows(chosen, slice(int(core[0]), int(core[-1]) + 1))
+    profiles = sweep_profiles(inner, height, settings, threads=threads)
+    agreement = _agreement_of_rows(ViewSynthesizer(chosen, profiles, height), settings)
+    width = max(1, round(_SMOOTHING_DEG / abs(float(elevations[1] - elevations[0]))))
+    smooth = uniform_filter1d(agreement, width, mode="nearest")
+    good = smooth >= _SHARE * np.median(smooth[core])
+    first, last = int(core[0]), int(core[-1])
+    while first > 0 and good[first - 1]:
+        first -= 1
+    while last < geometry.height - 1 and good[last + 1]:
+        last += 1
+    return slice(first, last + 1)
+
+
+def with_rows(references: ReferencePanoramas, rows: slice) -> ReferencePanoramas:
+    """The references with some of their rows only."""
+    geometry = references.geometry
+    if rows == slice(0, geometry.height):
+        return references
+    return replace(
+        references,
+        pixels=np.ascontiguousarray(references.pixels[:, rows]),
+        valid=None if references.valid is None else references.valid[:, rows],
+        geometry=geometry.of_rows(rows.start, rows.stop),
+    )
+
+
+def _clusters(positions: Float64) -> NDArray[np.int64]:
+    """Some references with their neighbours, evenly over all."""
+    middles = np.linspace(0, len(positions) - 1, _CLUSTERS + 2).round().astype(int)[1:-1]
+    _, nearest = cKDTree(positions).query(positions[middles], k=min(_CLUSTER_SIZE, len(positions)))
+    return np.unique(nearest).astype(np.int64)
+
+
+def _agreement_of_rows(synthesizer: ViewSynthesizer, settings: VotesSettings) -> Float64:
+    """Cosine of every row of references with their nearest neighbours' views, float64 (rows,)."""
+    references = synthesizer.references
+    common, energy = np.zeros(references.geometry.height), np.full(references.geometry.height, 1e-9)
+    tree = cKDTree(references.positions)
+    for index, position in enumerate(references.positions):
+        distances, nearest = (np.atleast_1d(part) for part in tree.query(position, k=len(references)))
+        neighbour = int(nearest[np.argmax(distances > 1e-6)])
+        mine, usable = orientations(references.panorama(index), settings)
+        view, seen = orientations(synthesizer.view(neighbour, position, synthesizer.profiles[index]), settings)
+        both = usable & seen
+        common += (both * (mine * view.conj()).real).sum(axis=1)
+        energy += 0.5 * (both * (np.abs(mine) ** 2 + np.abs(view) ** 2)).sum(axis=1)
+    return np.asarray(common / energy)

@@ -1,0 +1,244 @@
+"""The whole of it: what a data set tells about its camera, as a camera, a table and pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from panoloc_mcl.robot.camera import AnyCamera, Mask
+from panoloc_mcl.robot.errors import DatasetError, ImageError
+from panoloc_mcl.robot.images import read_image
+from panoloc_mcl.robot.progress import Progress, no_progress
+from panoloc_mcl.robot.settings.observation import VotesSettings
+from panoloc_mcl.tools.calibration.adjustment import Adjustment, Estimated, adjust
+from panoloc_mcl.tools.calibration.body import FEWEST_IMAGES, MOST_IMAGES, FoundBody, find_body
+from panoloc_mcl.tools.calibration.drives_scene import DrivesScene, Yardstick
+from panoloc_mcl.tools.calibration.odometry import OBSERVABLE_M, OBSERVABLE_RAD, OBSERVABLE_S, Placement, place_camera
+from panoloc_mcl.tools.calibration.parameters import Parameter, parameters_by_map, parameters_by_references, shown
+from panoloc_mcl.tools.calibration.references_scene import ReferencesScene
+from panoloc_mcl.tools.datasets import Dataset
+from panoloc_mcl.tools.datasets import Sequence as Drive
+
+Float32 = NDArray[np.float32]
+
+# A found value is taken over where it differs from the given one by so many standard deviations, and gains something.
+_SIGNIFICANT = 2.0
+_LEAST_HIDDEN = 1e-3
+
+
+@dataclass(eq=False)
+class Findings:
+    """What calibrating found.
+
+    Parameters
+    ----------
+    before, camera : AnyCamera
+        As described, and as found.
+    of_drives : bool
+        Whether it is the camera of the drives, which the references are the yardstick for, or that of all images.
+    lines : list of str
+        Verdicts, one line each.
+    estimates : list of Estimated
+    body : FoundBody or None
+    adjustment : Adjustment or None
+    sample : uint8 or uint16 image
+        One of the camera's images, for the picture.
+    scene : ReferencesScene or None
+        For the picture of views.
+    """
+
+    before: AnyCamera
+    camera: AnyCamera
+    of_drives: bool
+    sample: NDArray[Any]
+    lines: list[str] = field(default_factory=list)
+    estimates: list[Estimated] = field(default_factory=list)
+    body: FoundBody | None = None
+    adjustment: Adjustment | None = None
+    scene: ReferencesScene | None = None
+
+
+def calibrate(
+    dataset: Dataset, camera: AnyCamera | None = None, drives: Sequence[Drive] | None = None, progress: Progress = no_progress
+) -> Findings:
+    """Find the mask, the errors of the calibration, and where the camera sits.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    camera : AnyCamera, optional
+        Where to begin; as the data set says if left out.
+    drives : sequence of Sequence, optional
+        That may be looked at; all if left out.
+    progress : callable (done, total, what)
+
+    Raises
+    ------
+    DatasetError
+        Too few images, places without height, and the like.
+    """
+    references = dataset.references
+    drives = list(dataset.sequences.values()) if drives is None else list(drives)
+    own = [drive for drive in drives if _without_stamps(drive.camera) != _without_stamps(references.camera)]
+    of_drives = bool(own)
+    described = (own[0].camera if of_drives else references.camera) if camera is None else camera
+    subjects = [drive for drive in drives if (drive in own) == of_drives and (not of_drives or drive.camera == own[0].camera)]
+    files = [file for drive in subjects for file in drive.files] + ([] if of_drives else list(references.files))
+    size = subjects[0].image_size if of_drives else references.image_size
+    images = _images(files)
+    if not images:
+        raise DatasetError(f"{dataset.path}: none of its images can be read; the camera cannot be told without any")
+    found = Findings(described, described, of_drives, images[len(images) // 2])
+    found.lines.append(f"camera of {'the drives, held against the references' if of_drives else 'all images'}")
+    _find_mask(found, images, size)
+    settings = VotesSettings()
+    if not of_drives:
+        start = references.__class__(
+            references.path, references.files, references.poses, found.camera, size, references.poses_of
+        )
+        parameters = parameters_by_references(found.camera, placed=references.poses_of == "base")
+        scene = found.scene = ReferencesScene(start, settings, found.camera)
+        _take_over(found, adjust(found.camera, parameters, scene, progress))
+        yard = references.__class__(
+            references.path, references.files, references.poses, found.camera, size, references.poses_of
+        )
+    else:
+        yard = references
+    with_odometry = [drive for drive in subjects if drive.odometry is not None and len(drive) >= FEWEST_IMAGES]
+    if of_drives or with_odometry:
+        yardstick = Yardstick(yard, settings, progress)
+        tracked = [yardstick.track(drive, found.camera, progress=progress) for drive in (with_odometry or subjects)[:3]]
+        tracked = [track for track in tracked if len(track.indices) >= FEWEST_IMAGES]
+        if of_drives and tracked:
+            scene_of_drives = DrivesScene(yardstick, tracked)
+            _take_over(found, adjust(found.camera, parameters_by_map(found.camera), scene_of_drives, progress))
+            tracked = [yardstick.track(track.drive, found.camera, progress=progress) for track in tracked]
+        _place(found, tracked)
+    if not with_odometry:
+        found.lines.append("mount.x_m, mount.y_m, time_offset_s: not observable without a drive with odometry")
+    return found
+
+
+def _without_stamps(camera: AnyCamera) -> AnyCamera:
+    return camera.model_copy(update={"time_offset_s": None})
+
+
+def _images(files: Sequence[Any]) -> list[NDArray[Any]]:
+    """Some of the images, evenly over all; damaged ones are left out."""
+    chosen = np.unique(np.linspace(0, len(files) - 1, MOST_IMAGES).round().astype(int)).tolist() if files else []
+    found = []
+    for index in chosen:
+        try:
+            found.append(read_image(files[index]))
+        except ImageError:
+            continue
+    return found
+
+
+def _find_mask(found: Findings, images: list[NDArray[Any]], size: tuple[int, int]) -> None:
+    if found.before.mask is not None:
+        found.lines.append("mask: given, kept as it is")
+        return
+    if len(images) < FEWEST_IMAGES:
+        found.lines.append(f"mask: not observable, {len(images)} images are fewer than {FEWEST_IMAGES}")
+        return
+    found.body = find_body([_grey(image) for image in images], _seen(found.before, size))
+    found.lines.append(found.body.verdict)
+    if found.body.sure and found.body.hidden > _LEAST_HIDDEN:
+        found.camera = found.camera.model_copy(update={"mask": Mask(found.body.world)})
+
+
+def _grey(image: NDArray[Any]) -> Float32:
+    grey = image if image.ndim == 2 else image[:, :, :3] @ np.array([0.114, 0.587, 0.299])
+    return np.asarray(grey * (255.0 / 65535.0 if image.dtype == np.uint16 else 1.0), dtype=np.float32)
+
+
+def _seen(camera: AnyCamera, size: tuple[int, int]) -> NDArray[np.bool_] | None:
+    """Pixels of raw images that lie in the ring which the camera uses."""
+    radii = getattr(camera, "valid_radius_px", None)
+    if radii is None:
+        return None
+    v, u = np.mgrid[: size[1], : size[0]]
+    center = camera.center_px  # type: ignore[union-attr]
+    radius = np.hypot(u - center[0], v - center[1])
+    return np.asarray((radius >= radii[0]) & (radius <= radii[1]))
+
+
+def _take_over(found: Findings, adjustment: Adjustment) -> None:
+    found.adjustment = adjustment
+    found.camera = adjustment.camera
+    found.estimates += adjustment.estimates
+    found.lines.append(
+        f"agreement of {adjustment.images} images with views of them: {adjustment.before:.3f} before, {adjustment.after:.3f} after"
+    )
+    unseen = [one.parameter.name for one in adjustment.estimates if not one.observable]
+    if unseen:
+        found.lines.append(f"not observable: {', '.join(unseen)}")
+
+
+def _place(found: Findings, tracked: Sequence[Any]) -> None:
+    """Where the camera sits on the base, by odometry; the best of several drives."""
+    placements: list[Placement] = []
+    for track in tracked:
+        odometry = track.drive.odometry
+        if odometry is not None:
+            placement = place_camera(track.times, track.poses, odometry.times, odometry.poses)
+            placements += [placement] if placement is not None else []
+    if not placements:
+        return
+    best = min(placements, key=lambda one: one.sd_m)
+    mount = found.camera.mounting
+    rows = [
+        ("mount.x_m", "m", mount.x_m, best.x_m, best.sd_m, OBSERVABLE_M, "x_m"),
+        ("mount.y_m", "m", mount.y_m, best.y_m, best.sd_m, OBSERVABLE_M, "y_m"),
+    ]
+    if found.of_drives:
+        turned = mount.yaw_deg - float(np.degrees(best.yaw))
+        rows.append(
+            (
+                "mount.yaw_deg",
+                "deg",
+                mount.yaw_deg,
+                turned,
+                float(np.degrees(best.sd_yaw)),
+                np.degrees(OBSERVABLE_RAD),
+                "yaw_deg",
+            )
+        )
+    update: dict[str, float] = {}
+    for name, unit, given, value, sd, limit, key in rows:
+        observable = sd <= limit
+        found.estimates.append(_estimate(name, unit, given, value if observable else given, sd if observable else np.inf))
+        if observable and abs(value - given) > _SIGNIFICANT * sd:
+            update[key] = round(value, 4)
+    if update:
+        found.camera = found.camera.model_copy(update={"mount": mount.model_copy(update=update)})
+    given = found.camera.stamp_offset_s
+    seen = best.sd_time_s <= OBSERVABLE_S
+    value = given + best.time_offset_s if seen else given
+    found.estimates.append(_estimate("time_offset_s", "s", given, value, best.sd_time_s if seen else np.inf))
+    if seen and abs(best.time_offset_s) > 3.0 * best.sd_time_s:
+        found.camera = found.camera.model_copy(update={"time_offset_s": round(value, 4)})
+    if best.sd_m > OBSERVABLE_M:
+        found.lines.append("mount.x_m, mount.y_m: not observable, no drive turns enough")
+    found.lines.append(f"odometry: {best.odometry_scale:.3f} m of the map a metre, over {best.images} images")
+
+
+def _estimate(name: str, unit: str, given: float, value: float, sd: float) -> Estimated:
+    return Estimated(Parameter(name, unit, given, 0.0, 0.0, lambda camera, _: camera), value, sd)
+
+
+def table_of(found: Findings) -> list[tuple[str, str, str, str]]:
+    """Rows of name, value before, value after, standard deviation."""
+    rows = []
+    for one in found.estimates:
+        unit = one.parameter.unit
+        after = shown(one.value, unit) if one.observable else "not observable"
+        sd = shown(one.sd, unit) if one.observable else ""
+        name = f"{one.parameter.name} [{unit}]" if unit else one.parameter.name
+        rows.append((name, shown(one.parameter.start, unit), after, sd))
+    return rows

@@ -1,0 +1,178 @@
+"""What can be wrong with a camera's description, as numbers that a search may turn."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from panoloc_mcl.robot.camera import (
+    AnyCamera,
+    EquirectangularCamera,
+    FisheyePairCamera,
+    LensCamera,
+    Mount,
+    OmniCamera,
+    PanoramaCamera,
+)
+from panoloc_mcl.robot.camera.spec import LinearProfile, TableProfile
+
+ELEVATION_SCALE = "elevation scale"
+#: From a camera and a value to the camera with that value.
+Change = Callable[[AnyCamera, float], AnyCamera]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number.
+
+    Parameters
+    ----------
+    name : str
+        As the table says it.
+    unit : str
+        ``deg``, ``m``, ``px`` or nothing.
+    start : float
+        Value of the camera as it is described.
+    step : float
+        For derivatives: about half a pixel of the panorama.
+    largest : float
+        How far off it may be before it is looked for; with four times the standard deviation that the data leave, it is not observable.
+    change : callable
+    """
+
+    name: str
+    unit: str
+    start: float
+    step: float
+    largest: float
+    change: Change
+
+
+def parameters_by_references(camera: AnyCamera, *, placed: bool) -> list[Parameter]:
+    """What may be estimated of the camera that took the references, by their agreement with each other.
+
+    Not the scale of elevations: floors and walls look the same to a camera that stands higher in proportion.
+
+    Parameters
+    ----------
+    camera : AnyCamera
+        As it is described.
+    placed : bool
+        Whether poses are the base's, so that the camera's place on it matters.
+    """
+    mount = camera.mounting
+    found = [one for one in _of_optics(camera) if one.name != ELEVATION_SCALE]
+    if camera.height_m is not None:
+        found.append(Parameter("height", "m", camera.height_m, 0.015 * camera.height_m, 0.3 * camera.height_m, _height))
+    found += _of_tilt(mount)
+    if placed:
+        found.append(_of_mount("yaw", "deg", mount.yaw_deg, 1.0, 40.0, "yaw_deg"))
+        found.append(_of_mount("forward", "m", mount.x_m, 0.01, 0.4, "x_m"))
+        found.append(_of_mount("left", "m", mount.y_m, 0.01, 0.4, "y_m"))
+    return found
+
+
+def parameters_by_map(camera: AnyCamera) -> list[Parameter]:
+    """What may be estimated of another camera by a map: its optics and its tilt."""
+    return [*_of_optics(camera), *_of_tilt(camera.mounting)]
+
+
+def _of_tilt(mount: Mount) -> list[Parameter]:
+    return [
+        _of_mount("pitch", "deg", mount.pitch_deg, 0.25, 8.0, "pitch_deg"),
+        _of_mount("roll", "deg", mount.roll_deg, 0.25, 8.0, "roll_deg"),
+    ]
+
+
+def changed(camera: AnyCamera, parameters: list[Parameter], values: Mapping[str, float]) -> AnyCamera:
+    """The camera with other values of some parameters."""
+    for parameter in parameters:
+        if parameter.name in values:
+            camera = parameter.change(camera, values[parameter.name])
+    return camera
+
+
+def _of_optics(camera: AnyCamera) -> list[Parameter]:
+    if isinstance(camera, PanoramaCamera):
+        return [
+            Parameter(ELEVATION_SCALE, "", 1.0, 0.01, 0.2, _elevation_scale),
+            Parameter("elevation shift", "deg", 0.0, 0.3, 8.0, _elevation_shift),
+        ]
+    if isinstance(camera, OmniCamera):
+        u, v = camera.center_px
+        return [
+            Parameter("centre u", "px", u, 0.5, 15.0, lambda c, value: _center(c, u=value)),
+            Parameter("centre v", "px", v, 0.5, 15.0, lambda c, value: _center(c, v=value)),
+            Parameter("focal scale", "", 1.0, 0.005, 0.2, _focal),
+        ]
+    if isinstance(camera, LensCamera):
+        u, v = camera.center_px
+        return [
+            Parameter("centre u", "px", u, 0.5, 15.0, lambda c, value: _lens(c, cx=value)),
+            Parameter("centre v", "px", v, 0.5, 15.0, lambda c, value: _lens(c, cy=value)),
+            Parameter("focal scale", "", 1.0, 0.005, 0.2, _lens_focal),
+        ]
+    assert isinstance(camera, EquirectangularCamera | FisheyePairCamera)
+    return []
+
+
+def _height(camera: AnyCamera, value: float) -> AnyCamera:
+    return camera.model_copy(update={"height_m": value})
+
+
+def _of_mount(name: str, unit: str, start: float, step: float, largest: float, key: str) -> Parameter:
+    def change(camera: AnyCamera, value: float) -> AnyCamera:
+        return camera.model_copy(update={"mount": camera.mounting.model_copy(update={key: value})})
+
+    return Parameter(name, unit, start, step, largest, change)
+
+
+def _elevation_scale(camera: AnyCamera, value: float) -> AnyCamera:
+    assert isinstance(camera, PanoramaCamera)
+    bottom, top = camera.elevation_deg
+    return camera.model_copy(update={"elevation_deg": (value * bottom, value * top)})
+
+
+def _elevation_shift(camera: AnyCamera, value: float) -> AnyCamera:
+    assert isinstance(camera, PanoramaCamera)
+    bottom, top = camera.elevation_deg
+    return camera.model_copy(update={"elevation_deg": (max(bottom + value, -90.0), min(top + value, 90.0))})
+
+
+def _center(camera: AnyCamera, u: float | None = None, v: float | None = None) -> AnyCamera:
+    assert isinstance(camera, OmniCamera)
+    old_u, old_v = camera.center_px
+    return camera.model_copy(update={"center_px": (old_u if u is None else u, old_v if v is None else v)})
+
+
+def _focal(camera: AnyCamera, value: float) -> AnyCamera:
+    """All radii times a factor, those of the part in use, too."""
+    assert isinstance(camera, OmniCamera)
+    profile = camera.profile
+    if isinstance(profile, LinearProfile | TableProfile):
+        update: dict[str, Any] = {"points": tuple((elevation, radius * value) for elevation, radius in profile.points)}
+    else:
+        update = {"focal_px": profile.focal_px * value}
+    return camera.model_copy(update={"profile": profile.model_copy(update=update)})
+
+
+def _lens(camera: AnyCamera, **values: float) -> AnyCamera:
+    assert isinstance(camera, LensCamera)
+    return camera.model_copy(update={"lens": camera.lens.model_copy(update=values)})
+
+
+def _lens_focal(camera: AnyCamera, value: float) -> AnyCamera:
+    assert isinstance(camera, LensCamera)
+    lens = camera.lens
+    if lens.kind == "ocam":
+        inverse = tuple(coefficient * value for coefficient in lens.inverse)
+        return camera.model_copy(update={"lens": lens.model_copy(update={"inverse": inverse})})
+    return _lens(camera, fx=lens.fx * value, fy=lens.fy * value)
+
+
+def shown(value: float, unit: str) -> str:
+    """A value with as many digits as its unit deserves."""
+    digits = {"m": 4, "deg": 3, "px": 2, "s": 3}.get(unit, 4)
+    return "-" if not math.isfinite(value) else f"{value:.{digits}f}"
