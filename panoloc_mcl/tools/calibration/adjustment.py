@@ -113,7 +113,8 @@ def adjust(camera: AnyCamera, parameters: list[Parameter], scene: Scene, progres
             values[~free] = start[~free]
         progress(round_ + 1, len(_SCHEDULE), "camera")
     # The last step is as much as the search has not settled.
-    sd = np.where(free, np.hypot(np.sqrt(np.diag(covariance)), step), np.inf)
+    accuracy = np.array([parameter.accuracy for parameter in parameters])
+    sd = np.where(free, np.sqrt(np.diag(covariance) + step**2 + accuracy**2), np.inf)
     estimates = tuple(Estimated(one, float(value), float(s)) for one, value, s in zip(parameters, values, sd, strict=True))
     found = changed(camera, parameters, {one.name: float(value) for one, value in zip(parameters, values, strict=True)})
     return Adjustment(found, estimates, before, _agreement(equations), len(equations))

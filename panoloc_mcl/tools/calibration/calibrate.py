@@ -229,7 +229,7 @@ def _place(found: Findings, tracked: Sequence[Any]) -> None:
 
 
 def _estimate(name: str, unit: str, given: float, value: float, sd: float) -> Estimated:
-    return Estimated(Parameter(name, unit, given, 0.0, 0.0, lambda camera, _: camera), value, sd)
+    return Estimated(Parameter(name, unit, given, 0.0, 0.0, 0.0, lambda camera, _: camera), value, sd)
 
 
 def table_of(found: Findings) -> list[tuple[str, str, str, str]]:

@@ -39,6 +39,9 @@ class Parameter:
         For derivatives: about half a pixel of the panorama.
     largest : float
         How far off it may be before it is looked for; with four times the standard deviation that the data leave, it is not observable.
+    accuracy : float
+        What the search errs by, however many images there are: views are interpolated, and no world is all floor and walls. As found
+        in rooms whose camera is known.
     change : callable
     """
 
@@ -47,6 +50,7 @@ class Parameter:
     start: float
     step: float
     largest: float
+    accuracy: float
     change: Change
 
 
@@ -65,12 +69,16 @@ def parameters_by_references(camera: AnyCamera, *, placed: bool) -> list[Paramet
     mount = camera.mounting
     found = [one for one in _of_optics(camera) if one.name != ELEVATION_SCALE]
     if camera.height_m is not None:
-        found.append(Parameter("height", "m", camera.height_m, 0.015 * camera.height_m, 0.3 * camera.height_m, _height))
+        found.append(
+            Parameter(
+                "height", "m", camera.height_m, 0.015 * camera.height_m, 0.3 * camera.height_m, 0.01 * camera.height_m, _height
+            )
+        )
     found += _of_tilt(mount)
     if placed:
-        found.append(_of_mount("yaw", "deg", mount.yaw_deg, 1.0, 40.0, "yaw_deg"))
-        found.append(_of_mount("forward", "m", mount.x_m, 0.01, 0.4, "x_m"))
-        found.append(_of_mount("left", "m", mount.y_m, 0.01, 0.4, "y_m"))
+        found.append(_of_mount("yaw", "deg", mount.yaw_deg, 1.0, 40.0, 0.03, "yaw_deg"))
+        found.append(_of_mount("forward", "m", mount.x_m, 0.01, 0.4, 0.001, "x_m"))
+        found.append(_of_mount("left", "m", mount.y_m, 0.01, 0.4, 0.001, "y_m"))
     return found
 
 
@@ -81,8 +89,8 @@ def parameters_by_map(camera: AnyCamera) -> list[Parameter]:
 
 def _of_tilt(mount: Mount) -> list[Parameter]:
     return [
-        _of_mount("pitch", "deg", mount.pitch_deg, 0.25, 8.0, "pitch_deg"),
-        _of_mount("roll", "deg", mount.roll_deg, 0.25, 8.0, "roll_deg"),
+        _of_mount("pitch", "deg", mount.pitch_deg, 0.25, 8.0, 0.02, "pitch_deg"),
+        _of_mount("roll", "deg", mount.roll_deg, 0.25, 8.0, 0.02, "roll_deg"),
     ]
 
 
@@ -97,22 +105,22 @@ def changed(camera: AnyCamera, parameters: list[Parameter], values: Mapping[str,
 def _of_optics(camera: AnyCamera) -> list[Parameter]:
     if isinstance(camera, PanoramaCamera):
         return [
-            Parameter(ELEVATION_SCALE, "", 1.0, 0.01, 0.2, _elevation_scale),
-            Parameter("elevation shift", "deg", 0.0, 0.3, 8.0, _elevation_shift),
+            Parameter(ELEVATION_SCALE, "", 1.0, 0.01, 0.2, 0.002, _elevation_scale),
+            Parameter("elevation shift", "deg", 0.0, 0.3, 8.0, 0.2, _elevation_shift),
         ]
     if isinstance(camera, OmniCamera):
         u, v = camera.center_px
         return [
-            Parameter("centre u", "px", u, 0.5, 15.0, lambda c, value: _center(c, u=value)),
-            Parameter("centre v", "px", v, 0.5, 15.0, lambda c, value: _center(c, v=value)),
-            Parameter("focal scale", "", 1.0, 0.005, 0.2, _focal),
+            Parameter("centre u", "px", u, 0.5, 15.0, 0.1, lambda c, value: _center(c, u=value)),
+            Parameter("centre v", "px", v, 0.5, 15.0, 0.1, lambda c, value: _center(c, v=value)),
+            Parameter("focal scale", "", 1.0, 0.005, 0.2, 0.002, _focal),
         ]
     if isinstance(camera, LensCamera):
         u, v = camera.center_px
         return [
-            Parameter("centre u", "px", u, 0.5, 15.0, lambda c, value: _lens(c, cx=value)),
-            Parameter("centre v", "px", v, 0.5, 15.0, lambda c, value: _lens(c, cy=value)),
-            Parameter("focal scale", "", 1.0, 0.005, 0.2, _lens_focal),
+            Parameter("centre u", "px", u, 0.5, 15.0, 0.1, lambda c, value: _lens(c, cx=value)),
+            Parameter("centre v", "px", v, 0.5, 15.0, 0.1, lambda c, value: _lens(c, cy=value)),
+            Parameter("focal scale", "", 1.0, 0.005, 0.2, 0.002, _lens_focal),
         ]
     assert isinstance(camera, EquirectangularCamera | FisheyePairCamera)
     return []
@@ -122,11 +130,11 @@ def _height(camera: AnyCamera, value: float) -> AnyCamera:
     return camera.model_copy(update={"height_m": value})
 
 
-def _of_mount(name: str, unit: str, start: float, step: float, largest: float, key: str) -> Parameter:
+def _of_mount(name: str, unit: str, start: float, step: float, largest: float, accuracy: float, key: str) -> Parameter:
     def change(camera: AnyCamera, value: float) -> AnyCamera:
         return camera.model_copy(update={"mount": camera.mounting.model_copy(update={key: value})})
 
-    return Parameter(name, unit, start, step, largest, change)
+    return Parameter(name, unit, start, step, largest, accuracy, change)
 
 
 def _elevation_scale(camera: AnyCamera, value: float) -> AnyCamera:
