@@ -14,7 +14,7 @@ from panoloc_mcl.laboratory.reports import Number, Rate, Report
 from panoloc_mcl.laboratory.studies.single_images import Verdict, Viewer, counted, frames_of
 from panoloc_mcl.robot.errors import ConfigError
 from panoloc_mcl.robot.observation import VotesModel
-from panoloc_mcl.robot.observation.calibration import RIGHT_WITHIN_M, expected_calibration_error, log_loss
+from panoloc_mcl.robot.observation.calibration import expected_calibration_error, log_loss, right_within
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.tools.config import RunConfig
 from panoloc_mcl.tools.datasets import read_dataset, resolve_dataset
@@ -78,7 +78,7 @@ def study(
         f"{counted(frames_of(dataset, every, config.sequences))} a condition; intervals are over drives."
     )
     table = report.table(
-        "", ("images", "drives", "n", "within 0.25 m", "mean confidence", "ECE", "log-loss, nats", "fit nowhere (95 %)")
+        "", ("images", "drives", "n", "right", "mean confidence", "ECE", "log-loss, nats", "fit nowhere (95 %)")
     )
     true = [row for condition, rows in found.items() if condition != FOREIGN for row in rows]
     for label, rows in [*found.items(), ("all but foreign", true)]:
@@ -96,6 +96,7 @@ def judged(config: RunConfig, foreign: str | None, every: int, condition: str) -
     dataset = read_dataset(resolve_dataset(config.dataset))
     panorama_map = cached_map(dataset, config.observation, config.seed, settings=config.map)
     model, viewer = panorama_map.observation_model(config.observation), Viewer(panorama_map)
+    within = right_within(panorama_map.references)
     recipe = None
     frames = frames_of(dataset, every, config.sequences)
     if condition == FOREIGN and foreign is not None:
@@ -107,7 +108,7 @@ def judged(config: RunConfig, foreign: str | None, every: int, condition: str) -
         for frame in (frame for some in frames.values() for frame in some):
             votes = model.observe(viewer.panorama(frame, recipe))
             error = Verdict.of(frame, votes, panorama_map.references.positions).position_m
-            right = condition != FOREIGN and error <= RIGHT_WITHIN_M
+            right = condition != FOREIGN and error <= within
             confidence = 0.0 if np.isnan(votes.confidence) else votes.confidence
             rows.append((frame.drive.name, confidence, right, bool(votes.problem)))
     return rows

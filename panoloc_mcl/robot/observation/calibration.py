@@ -17,12 +17,15 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
+from scipy.spatial import cKDTree
 
 from panoloc_mcl.robot.camera import Panorama
+from panoloc_mcl.robot.geometry import angle_difference
 from panoloc_mcl.robot.observation.disturbances import bars, blobs, gain, random_pixels, spatial_light
 from panoloc_mcl.robot.observation.field import VoteField
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.references import ReferencePanoramas
+from panoloc_mcl.robot.synthesis.spacing import usual_spacing
 
 Float64 = NDArray[np.float64]
 
@@ -38,8 +41,13 @@ _OCCLUDED: Disturb = partial(bars, share=0.6)
 CONDITIONS: tuple[Disturb | None, ...] = (None, _OCCLUDED, _dark_and_noisy, spatial_light, partial(blobs, share=0.4))
 #: And upside down, which was taken nowhere; the second and later ones mirrored, too, so that they are not the same image again.
 NOWHERE: tuple[Disturb | None, ...] = (_OCCLUDED, None, _dark_and_noisy, spatial_light)
-#: A pose is right within this distance, metres.
-RIGHT_WITHIN_M = 0.25
+# A pose is right within a quarter of the references' spacing, and never beyond these, metres; and within an angle.
+_RIGHT_IN_SPACINGS, _LEAST_RIGHT_M, _MOST_RIGHT_M = 0.25, 0.1, 1.0
+_RIGHT_WITHIN = np.radians(10.0)
+#: How often the best pose of an image is wrong, before it is seen: one image in three is of nowhere, or hidden, or found astray.
+WRONG_SHARE = 1.0 / 3.0
+# References so near to those that are judged do not teach: they see the same.
+_NEIGHBOURS_IN_SPACINGS, _FEWEST_TEACHERS = 1.5, 4
 # Weights of the regression stay small where a few images say little.
 _RIDGE = 0.003
 _BINS = 10
@@ -123,6 +131,7 @@ def calibrate(
     most_references: int,
     progress: Progress = no_progress,
     threads: int = 1,
+    wrong_share: float = WRONG_SHARE,
 ) -> Calibration | None:
     """Learn from references that are held out one by one.
 
@@ -136,6 +145,9 @@ def calibrate(
     progress : callable (done, total, what)
     threads : int
         References at work at once; the result does not depend on it.
+    wrong_share : float
+        Probability that the best pose of an image is wrong, before anything is seen of it, in (0, 1). What share of the trials is wrong
+        does not matter.
 
     Returns
     -------
@@ -146,8 +158,11 @@ def calibrate(
         return None
     chosen = np.unique(np.linspace(0, len(references) - 1, most_references).round().astype(np.int64))
 
+    spacing = usual_spacing(references.positions)
+    within = right_within(references)
+
     def tried(index: np.int64) -> list[_Trial]:
-        return _trials(held_out(int(index)), references, int(index))
+        return _trials(held_out(int(index)), references, int(index), within)
 
     trials: list[_Trial] = []
     with ThreadPoolExecutor(max_workers=threads) as pool:
@@ -156,17 +171,17 @@ def calibrate(
             progress(done + 1, len(chosen), "calibration")
     if not trials or not any(trial.field_right for trial in trials):
         return None
-    numbers = np.array([trial.reference for trial in trials])
+    positions = references.positions[[trial.reference for trial in trials]]
     field_evidence = np.array([trial.field_evidence for trial in trials])
     field_right = np.array([trial.field_right for trial in trials])
-    field_weights = _fitted(field_evidence, field_right)
+    field_weights = _fitted(field_evidence, field_right, wrong_share)
     refined_weights = np.zeros(5)
     judged, right = field_evidence, field_right
     if trials[0].refined_evidence is not None:
         judged = np.array([trial.refined_evidence for trial in trials])
         right = np.array([trial.refined_right for trial in trials])
-        refined_weights = _fitted(judged, right)
-    probabilities = _out_of_fold(judged, right, numbers)
+        refined_weights = _fitted(judged, right, wrong_share)
+    probabilities = _out_of_fold(judged, right, positions, _NEIGHBOURS_IN_SPACINGS * spacing, wrong_share)
     shortfalls = np.array([trial.shortfall for trial in trials if trial.field_right])
     return Calibration(
         float(np.sqrt(np.mean(shortfalls**2))),
@@ -178,8 +193,13 @@ def calibrate(
     )
 
 
-def _trials(model: HeldOut, references: ReferencePanoramas, index: int) -> list[_Trial]:
-    """Images of a reference, each at a random heading, and what the model without it makes of them."""
+def right_within(references: ReferencePanoramas) -> float:
+    """How far a pose in a map may be off and still be right, metres: what references farther apart tell is coarser."""
+    return float(np.clip(_RIGHT_IN_SPACINGS * usual_spacing(references.positions), _LEAST_RIGHT_M, _MOST_RIGHT_M))
+
+
+def _trials(model: HeldOut, references: ReferencePanoramas, index: int, within: float) -> list[_Trial]:
+    """Images of a reference, each at a random heading, and what the model without it makes of them; right: ``within`` metres."""
     columns = references.geometry.width
     trials = []
     upright = references.pixels[index]
@@ -199,16 +219,17 @@ def _trials(model: HeldOut, references: ReferencePanoramas, index: int) -> list[
             continue
         pose = np.array([*references.positions[index], -2.0 * np.pi * shift / columns])
         measured = field.measurement
-        off = np.hypot(*(field.best_pose - pose)[:2])
-        refined_off = off if measured is None else np.hypot(*(measured.pose - pose)[:2])
+        # The votes alone are no finer than the places.
+        right = not upside_down and _is_right(field.best_pose, pose, max(within, field.places.spacing), field.gives_heading)
+        refined_right = right if measured is None else not upside_down and _is_right(measured.pose, pose, within)
         best = max(field.peak.votes, 1e-12)
         trials.append(
             _Trial(
                 index,
                 evidence(field if measured is None else field.with_measurement(None)),
                 None if measured is None else evidence(field),
-                bool(not upside_down and off <= RIGHT_WITHIN_M),
-                bool(not upside_down and refined_off <= RIGHT_WITHIN_M),
+                right,
+                refined_right,
                 max(0.0, 1.0 - field.votes_at(pose) / best),
             )
         )
@@ -222,36 +243,55 @@ def _flipped(valid: NDArray[np.bool_], number: int) -> NDArray[np.bool_]:
     return valid[::-1] if number == len(CONDITIONS) else valid[::-1, ::-1]
 
 
+def _is_right(pose: Float64, truth: Float64, within: float, gives_heading: bool = True) -> bool:
+    turned = abs(float(angle_difference(pose[2], truth[2])))
+    return bool(np.hypot(*(pose - truth)[:2]) <= within + 1e-9 and (not gives_heading or turned <= _RIGHT_WITHIN))
+
+
 def _probabilities(evidence: Float64, weights: Float64) -> Float64:
     return np.asarray(0.5 * (1.0 + np.tanh(0.5 * (weights[0] + evidence @ weights[1:]))))
 
 
-def _fitted(evidence: Float64, right: NDArray[np.bool_]) -> Float64:
-    """Weights of a logistic regression with a little ridge, in units of the evidence's own spread."""
+def _fitted(evidence: Float64, right: NDArray[np.bool_], wrong_share: float | None = None) -> Float64:
+    """Weights of a logistic regression with a little ridge, in units of the evidence's own spread.
+
+    Trials count so that those that are wrong make up ``wrong_share``; all alike if left out.
+    """
     mean, spread = evidence.mean(axis=0), np.maximum(evidence.std(axis=0), 1e-9)
     scaled = (evidence - mean) / spread
     signs = np.where(right, 1.0, -1.0)
+    counts = np.full(len(right), 1.0 / len(right))
+    if wrong_share is not None and right.any() and not right.all():
+        counts = np.where(right, (1.0 - wrong_share) / right.sum(), wrong_share / (~right).sum())
 
     def loss(weights: Float64) -> tuple[float, Float64]:
         reached = signs * (weights[0] + scaled @ weights[1:])
-        pull = -signs * 0.5 * (1.0 - np.tanh(0.5 * reached)) / len(signs)
+        pull = -counts * signs * 0.5 * (1.0 - np.tanh(0.5 * reached))
         gradient = np.concatenate([[pull.sum()], pull @ scaled + 2.0 * _RIDGE * weights[1:]])
         # The constant, too: where all images were right, it would grow for ever.
         gradient[0] += 2.0 * 1e-3 * weights[0]
-        return float(np.logaddexp(0.0, -reached).mean() + _RIDGE * weights[1:] @ weights[1:] + 1e-3 * weights[0] ** 2), gradient
+        ridge = _RIDGE * weights[1:] @ weights[1:] + 1e-3 * weights[0] ** 2
+        return float(counts @ np.logaddexp(0.0, -reached) + ridge), gradient
 
     found = minimize(loss, np.zeros(evidence.shape[1] + 1), jac=True, method="BFGS").x
     weights = found[1:] / spread
     return np.concatenate([[found[0] - weights @ mean], weights])
 
 
-def _out_of_fold(evidence: Float64, right: NDArray[np.bool_], references: NDArray[np.int64]) -> Float64:
-    """Probabilities from weights that were learnt from the other half of the references."""
-    order = np.unique(references, return_inverse=True)[1] % 2
+def _out_of_fold(evidence: Float64, right: NDArray[np.bool_], positions: Float64, gap: float, wrong_share: float) -> Float64:
+    """Probabilities from weights that were learnt on the other side of the map, and not from neighbours of what is judged."""
+    axis = int(np.argmax(np.ptp(positions, axis=0)))
+    side = positions[:, axis] > np.median(positions[:, axis])
+    if side.all() or not side.any():
+        # All in one line across: every second one.
+        side = np.arange(len(right)) % 2 == 0
     probabilities = np.empty(len(right))
-    for half in (0, 1):
-        judged = order == half
-        probabilities[judged] = _probabilities(evidence[judged], _fitted(evidence[~judged], right[~judged]))
+    for judged in (side, ~side):
+        apart = cKDTree(positions[judged]).query(positions)[0]
+        teachers = ~judged & (apart > gap)
+        if len(np.unique(positions[teachers], axis=0)) < _FEWEST_TEACHERS:
+            teachers = ~judged
+        probabilities[judged] = _probabilities(evidence[judged], _fitted(evidence[teachers], right[teachers], wrong_share))
     return probabilities
 
 

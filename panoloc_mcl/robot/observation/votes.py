@@ -183,7 +183,7 @@ class VotesModel:
         )
         if synthesizer is not None:
             most, threads = settings.calibration_references, _threads(settings)
-            model.calibration = calibrate(model.held_out, references, most, progress, threads)
+            model.calibration = calibrate(model.held_out, references, most, progress, threads, settings.wrong_share)
             synthesizer.errors = learn_source_errors(synthesizer, settings, most, progress, threads)
             model.notes += synthesizer.errors.notes
         return model

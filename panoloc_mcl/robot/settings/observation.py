@@ -122,6 +122,11 @@ class VotesSettings(StrictModel):
         description="References that are held out one by one to learn how sure a pose is; below 2: no confidence is given, and no "
         "image fits nowhere.",
     )
+    wrong_share: Annotated[float, Field(gt=0.0, lt=1.0)] = Field(
+        1.0 / 3.0,
+        description="How often the best pose of an image is wrong, before anything is seen of it: of images of nowhere, hidden ones, "
+        "and such as are found astray. Sets how sure the map's calibration is.",
+    )
     fits_nowhere_below: Share = Field(
         0.45,
         json_schema_extra=OBSERVING,

@@ -151,6 +151,33 @@ def test_the_regression_minimises_its_loss() -> None:
     assert loss(found) <= loss(expected) + 1e-6
 
 
+@pytest.mark.parametrize("copies", [1, 5])
+def test_how_many_trials_are_wrong_does_not_matter_but_how_often_images_are(copies: int) -> None:
+    rng = np.random.default_rng(7)
+    right, wrong = rng.normal(1.0, 1.0, (400, 1)), rng.normal(-1.0, 1.0, (400, 1))
+    seen, is_right = np.vstack([right, *[wrong] * copies]), np.repeat([True, False], [400, 400 * copies])
+    for wrong_share in (0.1, 0.5):
+        weights = calibration._fitted(seen, is_right, wrong_share)
+        # Of two equal normal distributions two standard deviations apart, Bayes' rule gives the logit 2 x + log prior odds.
+        assert weights[1] == pytest.approx(2.0, abs=0.45)
+        assert weights[0] == pytest.approx(np.log((1.0 - wrong_share) / wrong_share), abs=0.4)
+
+
+def test_a_wrong_heading_is_wrong() -> None:
+    """An oracle that always looks the other way teaches that nothing can be trusted, so nothing is learnt."""
+    known = references()
+
+    class Backwards(Oracle):
+        def observe(self, panorama):
+            field = super().observe(panorama)
+            pose = field.measurement.pose + np.array([0.0, 0.0, np.pi])
+            turned = PoseMeasurement(pose, field.measurement.covariance, np.zeros(2), field.measurement.agreement)
+            votes = np.roll(field.votes, len(field.headings) // 2, axis=0)
+            return VoteField(votes, field.headings, PLACES, 0.1, measurement=turned)
+
+    assert calibrate(lambda index: Backwards(known, index), known, 8) is None
+
+
 def test_sectors_vote_as_a_whole_image_of_them() -> None:
     columns = np.ones(48)
     agreement = Agreement.of_columns(0.5 * columns, columns, columns)
