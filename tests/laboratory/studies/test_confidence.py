@@ -32,10 +32,10 @@ def test_figures_of_a_condition(ask, small_room, monkeypatch):
     monkeypatch.setattr(confidence, "judged", lambda _config, _foreign, _every, condition: known[condition])
     words = ["--dataset", small_room.path, "--conditions", "clean", "--foreign", small_room.path]
     clean, foreign, together = ask("study", "confidence", *words).rows()
-    assert clean["within 0.25 m"]["rate"] == 1.0
+    assert clean["right"]["rate"] == 1.0
     assert clean["mean confidence"] == pytest.approx(0.85)
     assert clean["ECE"] == pytest.approx(0.15)
-    assert foreign["within 0.25 m"]["rate"] == 0.0
+    assert foreign["right"]["rate"] == 0.0
     # Two drives of which every image fits nowhere: Wilson's interval of 2 of 2.
     assert foreign["fit nowhere (95 %)"]["interval95"] == pytest.approx([0.342, 1.0], abs=1e-3)
     assert together["n"] == 2
