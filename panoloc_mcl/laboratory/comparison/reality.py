@@ -20,8 +20,6 @@ Bools = NDArray[np.bool_]
 # One image is right within these (method of `global_success`), and an answer is sure and wrong beyond those of `false_convergence`.
 _RIGHT_M, _RIGHT_DEG = 0.5, 10.0
 _WRONG_M, _WRONG_DEG = 1.0, 20.0
-# Squared Mahalanobis distance of two dimensions that is not exceeded as often as two standard deviations of one.
-_TWO_SD = 6.18
 _ALIGNMENT_ROUNDS = 10
 # Errors beyond so many medians, and beyond a centimetre, do not count where the frame is fitted.
 _OUTLYING, _LEAST_OUTLYING_M = 3.0, 0.01
@@ -37,7 +35,7 @@ HEADS = (
     "heading median / p95, °",
     "sure and wrong: images %",
     "runs",
-    "within 2 sd, %",
+    "NEES, within 2 sd %",
 )
 
 
@@ -69,9 +67,9 @@ def _cells(entries: Sequence[Entry]) -> list[str]:
     if not found:
         why = next(str(entry.result.text) for entry in entries if not isinstance(entry.result, Runs))
         return [f"failed: {_short(why)}", *[BLANK] * (len(HEADS) - 3)]
-    runs = [
-        Watched(seed, record, answers) for seed, run in found for record, answers in _pairs(run) if record.truth is not None
-    ]
+    runs = [Watched(seed, *pair) for seed, run in found for pair in _judged(run)]
+    if not runs:
+        return ["no truth", *[BLANK] * (len(HEADS) - 3)]
     records = [watched.record for watched in runs]
     numbered = [SequenceRecord(**{**vars(record), "run": index}) for index, record in enumerate(records)]
     metrics = evaluate(numbered, None)["overall"]
@@ -80,7 +78,7 @@ def _cells(entries: Sequence[Entry]) -> list[str]:
     metres, degrees = (np.concatenate([part[axis] for part in alone]) if alone else np.zeros(0) for axis in (0, 1))
     right = (metres <= _RIGHT_M) & (degrees <= _RIGHT_DEG)
     sure_wrong = np.concatenate([watched.sure_and_wrong for watched in runs])
-    inside = np.concatenate([watched.within_2_sd for watched in runs])
+    claimed = metrics["consistency"]["position"]
     return [
         percent(float(np.mean(right))) if len(right) else BLANK,
         _spread(metres[np.isfinite(metres)]),
@@ -90,7 +88,9 @@ def _cells(entries: Sequence[Entry]) -> list[str]:
         _pair(metrics["heading_median_deg"], metrics["heading_p95_deg"], 2),
         percent(float(np.mean(sure_wrong))),
         out_of(wrong["count"], wrong["runs"]),
-        percent(float(np.mean(inside))) if len(inside) else BLANK,
+        BLANK
+        if claimed["nees_median"] is None
+        else f"{number(claimed['nees_median'], 2)}, {percent(claimed['inside_2sd'], 0)}",
     ]
 
 
@@ -146,17 +146,6 @@ class Watched:
         metres, degrees = self.errors
         return self.record.converged & ((metres > _WRONG_M) | (degrees > _WRONG_DEG))
 
-    @property
-    def within_2_sd(self) -> Bools:
-        """Of sure answers: whether the true position lies within two standard deviations; 95.4 % should."""
-        if self.answers is None or self.record.truth is None:
-            return np.zeros(0, dtype=np.bool_)
-        sure = self.record.converged
-        off = (self.record.poses - self.record.truth)[sure, :2]
-        covariances = self.answers.covariances[sure][:, :2, :2] + 1e-12 * np.eye(2)
-        squares = np.einsum("ij,ij->i", off, np.linalg.solve(covariances, off[..., None])[..., 0])
-        return np.asarray(squares <= _TWO_SD)
-
 
 def aligned(runs: Sequence[Watched]) -> FloatArray:
     """Position errors after convergence, the frame of every map (runs of one seed) turned and shifted onto the true one; metres."""
@@ -186,9 +175,16 @@ def _fitted(said: FloatArray, true: FloatArray) -> FloatArray:
     return np.asarray(moved)
 
 
-def _pairs(runs: Runs) -> list[tuple[SequenceRecord, Answers | None]]:
-    answers = runs.answers or (None,) * len(runs.records)
-    return list(zip(runs.records, answers, strict=True))
+def _judged(runs: Runs) -> list[tuple[SequenceRecord, Answers | None]]:
+    """Records with the images alone whose true pose is known, and what these said."""
+    pairs = []
+    for index, record in enumerate(runs.records):
+        judged = record.judged
+        if judged is not None:
+            known = record.has_truth
+            said = runs.answers[index] if runs.answers else None
+            pairs.append((judged, None if said is None else Answers(said.poses[known], said.confidence[known])))
+    return pairs
 
 
 def _spread(metres: FloatArray) -> str:

@@ -17,14 +17,14 @@ from panoloc_mcl.tools.evaluation import SequenceRecord
 from panoloc_mcl.tools.evaluation.definitions import STATUSES
 from panoloc_mcl.tools.report.sinks import Departure, Frame, NullSink
 
-FORMAT = "panoloc-cell/2"
+FORMAT = "panoloc-cell/3"
 # Of a record, in the file of a cell; besides them status and truth.
 _ARRAYS = ("times", "poses", "best_place", "step_ms", "kidnapped")
 
 
 @dataclass(frozen=True, eq=False)
 class Answers:
-    """What single images said, and how sure the filter was: a row for each of a record.
+    """What single images said: a row for each of a record.
 
     Parameters
     ----------
@@ -32,13 +32,10 @@ class Answers:
         The pose that the image gives by itself, nothing known; NaN where it says nothing.
     confidence : float64 (n,)
         Probability that it is right; NaN where the model does not know.
-    covariances : float64 (n, 3, 3)
-        Of the filter's answer.
     """
 
     poses: FloatArray
     confidence: FloatArray
-    covariances: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +78,7 @@ class Overheard(NullSink):
 
     def __init__(self) -> None:
         self.answers: list[Answers] = []
-        self._rows: list[tuple[FloatArray, float, FloatArray]] = []
+        self._rows: list[tuple[FloatArray, float]] = []
 
     def begin(self, departure: Departure) -> None:
         """A run begins."""
@@ -91,12 +88,12 @@ class Overheard(NullSink):
         """An answer."""
         field = frame.estimate.vote_field
         pose, confidence = (np.full(3, np.nan), np.nan) if field is None else (_said(field), field.confidence)
-        self._rows.append((pose, confidence, frame.estimate.covariance))
+        self._rows.append((pose, confidence))
 
     def end(self, record: SequenceRecord) -> None:
         """A run is over."""
-        poses, confidence, covariances = (np.array(part, dtype=np.float64) for part in zip(*self._rows, strict=True))
-        self.answers.append(Answers(poses, confidence, covariances))
+        poses, confidence = (np.array(part, dtype=np.float64) for part in zip(*self._rows, strict=True))
+        self.answers.append(Answers(poses, confidence))
 
 
 def _said(field: VoteField) -> FloatArray:
@@ -157,7 +154,7 @@ def read_runs(path: Path, key: str) -> Runs:
                 )
             )
             if f"{index}.answers.poses" in arrays:
-                own = {entry: arrays[f"{index}.answers.{entry}"] for entry in ("poses", "confidence", "covariances")}
+                own = {entry: arrays[f"{index}.answers.{entry}"] for entry in ("poses", "confidence")}
                 answers.append(Answers(**own))
         return Runs(tuple(records), np.asarray(arrays["places"], dtype=np.float64), tuple(answers))
     except (OSError, ValueError, LookupError, ResultsError) as error:

@@ -60,8 +60,8 @@ def render_summary(
             "",
             "Lights pooled. One image: nothing known, right within 0.5 m and 10°; median and p95 of all that say anything. Filter: "
             "after convergence. Aligned: with the map's frame turned and shifted onto the true one, since a map that was surveyed with "
-            "errors lies where it lies. Sure and wrong: converged, and off by more than 1 m or 20°. Within 2 sd: of converged answers; "
-            "95 % should be.",
+            "errors lies where it lies. Sure and wrong: converged, and off by more than 1 m or 20°. NEES: median of the squared "
+            "position error over its claimed variance, 1 is right and more too sure; within 2 sd: 86.5 % should be.",
             "",
             *imperfections(entries),
             "",

@@ -110,7 +110,7 @@ def test_an_imperfect_data_set_is_written_once_and_run_over(plan_of, monkeypatch
     assert len(first.records[0]) == 3
     (answers,) = first.answers
     assert answers.poses.shape == (3, 3)
-    assert answers.covariances.shape == (3, 3, 3)
+    assert first.records[0].covariances.shape == (3, 3, 3)
     other = attempt(clean)
     assert not np.array_equal(other.records[0].poses, first.records[0].poses)
 

@@ -14,9 +14,9 @@ def watched(entry, poses=None, sd=0.01, alone=None, **record):
     """A run with answers of the covariance ``sd``, and with poses and single images as given."""
     (before,) = entry(**record).result.records
     record = before if poses is None else replace(before, poses=poses(before.truth))
-    covariances = np.tile(np.diag([sd, sd, sd]) ** 2, (len(record), 1, 1))
+    record = replace(record, covariances=np.tile(np.diag([sd, sd, sd]) ** 2, (len(record), 1, 1)))
     single = record.truth.copy() if alone is None else alone(record.truth)
-    return Watched(0, record, Answers(single, np.ones(len(record)), covariances))
+    return Watched(0, record, Answers(single, np.ones(len(record))))
 
 
 def cells(entry, runs):
@@ -78,10 +78,23 @@ def test_claims_are_held_against_the_truth(entry):
     def noisy(truth):
         return truth + np.pad(rng.normal(0.0, 0.02, (len(truth), 2)), ((0, 0), (0, 1)))
 
-    honest = cells(entry, [watched(entry, noisy, sd=0.02, frames=2000)])
-    boastful = cells(entry, [watched(entry, noisy, sd=0.005, frames=2000)])
-    assert float(honest["within 2 sd, %"]) == pytest.approx(95.4, abs=1.5)
-    assert float(boastful["within 2 sd, %"]) < 30.0
+    honest = cells(entry, [watched(entry, noisy, sd=0.02, frames=2000)])["NEES, within 2 sd %"].split(", ")
+    boastful = cells(entry, [watched(entry, noisy, sd=0.005, frames=2000)])["NEES, within 2 sd %"].split(", ")
+    assert float(honest[0]) == pytest.approx(1.0, abs=0.15)
+    assert float(honest[1]) == pytest.approx(86.5, abs=3.0)
+    assert float(boastful[0]) == pytest.approx(16.0, rel=0.15)
+    assert float(boastful[1]) < 30.0
+
+
+def test_images_without_truth_are_not_judged(entry):
+    one = watched(entry, frames=10)
+    truth = one.record.truth.copy()
+    truth[:5] = np.nan
+    wrong = one.record.poses.copy()
+    wrong[:5] += 9.0
+    row = cells(entry, [replace(one, record=replace(one.record, truth=truth, poses=wrong))])
+    assert row["one image: right %"] == "100.0"
+    assert row["sure and wrong: images %"] == "0.0"
 
 
 def test_failures_and_methods_are_named(entry):
