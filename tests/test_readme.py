@@ -1,6 +1,9 @@
-"""What the README names exists."""
+"""What the README and the pages of the documentation name exists, and the site builds."""
 
 import re
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -8,18 +11,17 @@ import pytest
 from panoloc_mcl.tools.cli.main import commands
 from panoloc_mcl.tools.config.model import RunConfig
 
-README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = {path: path.read_text(encoding="utf-8") for path in sorted((ROOT / "docs").rglob("*.md"))}
+EVERYTHING = "\n".join([README, *PAGES.values()])
 
 
-def section(title):
-    return README.split(f"\n## {title}\n")[1].split("\n## ")[0]
+def found(pattern):
+    return sorted(set(re.findall(pattern, EVERYTHING, flags=re.MULTILINE)))
 
 
-def parameters():
-    return sorted(set(re.findall(r"`((?:observation|localizer|kidnap)\.[a-z_.]+)`", README)))
-
-
-@pytest.mark.parametrize("name", parameters())
+@pytest.mark.parametrize("name", found(r"`((?:observation|localizer|kidnap)\.[a-z_.]+)`"))
 def test_every_parameter_exists(name):
     model = RunConfig
     *parts, last = name.split(".")
@@ -29,16 +31,36 @@ def test_every_parameter_exists(name):
 
 
 def test_tuning_goes_from_symptoms_to_parameters():
-    rows = [row for row in section("Tuning").splitlines() if row.startswith("|")][2:]
+    rows = [row for row in PAGES[ROOT / "docs" / "how-to" / "tuning.md"].splitlines() if row.startswith("|")][2:]
     assert len(rows) > 10
     assert all("`" in row.split("|")[2] for row in rows)
 
 
-@pytest.mark.parametrize("command", sorted(set(re.findall(r"^\| `panoloc ([a-z-]+)", README, flags=re.MULTILINE))))
+@pytest.mark.parametrize("command", found(r"`(?:\| `)?panoloc ([a-z-]+)"))
 def test_every_command_exists(command):
     assert command in {known.name for known in commands()}
 
 
-@pytest.mark.parametrize("path", sorted(set(re.findall(r"(?:docs|scripts|configs)/[A-Za-z_]+\.[a-z]+", README))))
+@pytest.mark.parametrize("path", found(r"(?:docs|scripts|configs)/[A-Za-z_/-]+\.[a-z]+"))
 def test_every_file_exists(path):
-    assert (Path(__file__).parents[1] / path).is_file()
+    assert (ROOT / path).is_file()
+
+
+@pytest.mark.parametrize("link", sorted(set(re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", README))))
+def test_every_link_of_the_readme_leads_somewhere(link):
+    assert (ROOT / link).exists()
+
+
+def test_the_readme_is_a_page_and_a_half():
+    assert len(README.splitlines()) <= 220
+
+
+@pytest.mark.slow
+def test_the_site_builds_without_a_warning(tmp_path):
+    program = Path(sys.executable).with_name("mkdocs")
+    if not program.exists() and shutil.which("mkdocs") is None:
+        pytest.skip("mkdocs is not installed")
+    command = [program if program.exists() else "mkdocs", "build", "--strict", "--site-dir", tmp_path / "site"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "site" / "reference" / "api" / "index.html").is_file()
