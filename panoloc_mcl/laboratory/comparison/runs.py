@@ -29,7 +29,7 @@ class Answers:
     Parameters
     ----------
     poses : float64 (n, 3)
-        The pose that the image gives by itself, nothing known; NaN where it says nothing.
+        The base's pose that the image gives by itself, nothing known; NaN where it says nothing.
     confidence : float64 (n,)
         Probability that it is right; NaN where the model does not know.
     """
@@ -88,6 +88,8 @@ class Overheard(NullSink):
         """An answer."""
         field = frame.estimate.vote_field
         pose, confidence = (np.full(3, np.nan), np.nan) if field is None else (_said(field), field.confidence)
+        # An image tells where the camera is; records are of the base.
+        pose = frame.unwrapper.camera.mounting.base_poses(pose)
         self._rows.append((pose, confidence))
 
     def end(self, record: SequenceRecord) -> None:

@@ -115,6 +115,18 @@ def test_an_imperfect_data_set_is_written_once_and_run_over(plan_of, monkeypatch
     assert not np.array_equal(other.records[0].poses, first.records[0].poses)
 
 
+def test_single_images_tell_of_the_base_too(plan_of):
+    """A camera that is mounted off the base, and told to be, changes nothing that is said of the base."""
+    (clean, job) = jobs(plan_of(corruptions=["clean", "mount:strong+told"], observations=["votes"], seeds=1))
+    (before,), (after,) = attempt(clean).answers, attempt(job).answers
+    shifts = np.hypot(*(after.poses - before.poses)[:, :2].T)
+    # Both are told in the frame of their own base, 15 cm apart, along the heading.
+    np.testing.assert_allclose(shifts, 0.15, atol=0.02)
+    (record,), (other,) = attempt(clean).records, attempt(job).records
+    errors = [np.hypot(*(one.poses - one.truth)[:, :2].T) for one in (record, other)]
+    np.testing.assert_allclose(errors[0], errors[1], atol=0.03)
+
+
 def test_a_kept_cell_is_read_as_it_was(plan_of, tmp_path):
     (job, *_) = jobs(plan_of())
     runs = attempt(job)
