@@ -15,8 +15,8 @@ from panoloc_mcl.tools.calibration.parameters import Parameter, changed
 
 Float64 = NDArray[np.float64]
 
-# Smoothing of the features in pixels, step by step: far first, then fine.
-_SCHEDULE = (3.0, 3.0, 3.0, 3.0, 1.5, 1.5, 1.5, 1.0, 1.0, 1.0, 1.0)
+#: Smoothing of the features in pixels, step by step: far first, then fine.
+SCHEDULE = (3.0, 3.0, 3.0, 3.0, 1.5, 1.5, 1.5, 1.0, 1.0, 1.0, 1.0)
 # What is not known to a quarter of how far off it might be is not observable.
 _OBSERVABLE = 0.25
 # Of how far off an unknown may be, a step at the most.
@@ -80,7 +80,13 @@ class Adjustment:
     images: int
 
 
-def adjust(camera: AnyCamera, parameters: list[Parameter], scene: Scene, progress: Progress = no_progress) -> Adjustment:
+def adjust(
+    camera: AnyCamera,
+    parameters: list[Parameter],
+    scene: Scene,
+    progress: Progress = no_progress,
+    schedule: tuple[float, ...] = SCHEDULE,
+) -> Adjustment:
     """Turn the unknowns until the images agree best.
 
     Parameters
@@ -90,6 +96,8 @@ def adjust(camera: AnyCamera, parameters: list[Parameter], scene: Scene, progres
     parameters : list of Parameter
     scene : Scene
     progress : callable (done, total, what)
+    schedule : tuple of float
+        Smoothing of the features in pixels, step by step.
     """
     values = np.array([parameter.start for parameter in parameters])
     start = values.copy()
@@ -98,7 +106,7 @@ def adjust(camera: AnyCamera, parameters: list[Parameter], scene: Scene, progres
     before, step = np.nan, np.zeros(len(parameters))
     equations: list[Equations] = []
     covariance = np.zeros((len(parameters), len(parameters)))
-    for round_, sigma in enumerate(_SCHEDULE):
+    for round_, sigma in enumerate(schedule):
         equations = _equations(camera, parameters, values, scene, sigma)
         before = _agreement(equations) if round_ == 0 else before
         step, covariance = _solved(equations, values - start, largest, free)
@@ -107,11 +115,11 @@ def adjust(camera: AnyCamera, parameters: list[Parameter], scene: Scene, progres
         step = np.clip(step, -_LARGEST_STEP * largest, _LARGEST_STEP * largest)
         scene.moved(step)
         values = values + step
-        if round_ == len(_SCHEDULE) // 2:
+        if round_ == len(schedule) // 2:
             # From here on only what the data tell; the rest would drift along with it.
             free = np.sqrt(np.diag(covariance)) < _OBSERVABLE * largest
             values[~free] = start[~free]
-        progress(round_ + 1, len(_SCHEDULE), "camera")
+        progress(round_ + 1, len(schedule), "camera")
     # The last step is as much as the search has not settled.
     accuracy = np.array([parameter.accuracy for parameter in parameters])
     sd = np.where(free, np.sqrt(np.diag(covariance) + step**2 + accuracy**2), np.inf)

@@ -192,29 +192,14 @@ def _place(found: Findings, tracked: Sequence[Any]) -> None:
         return
     best = min(placements, key=lambda one: one.sd_m)
     mount = found.camera.mounting
-    rows = [
-        ("mount.x_m", "m", mount.x_m, best.x_m, best.sd_m, OBSERVABLE_M, "x_m"),
-        ("mount.y_m", "m", mount.y_m, best.y_m, best.sd_m, OBSERVABLE_M, "y_m"),
-    ]
+    known = {one.parameter.name: one for one in found.estimates if one.observable}
+    update: dict[str, float] = {}
+    for name, key, given, value in (("forward", "x_m", mount.x_m, best.x_m), ("left", "y_m", mount.y_m, best.y_m)):
+        _weigh(found, update, (f"mount.{key}", "m", key), (given, value, best.sd_m, OBSERVABLE_M), known.get(name))
     if found.of_drives:
         turned = mount.yaw_deg - float(np.degrees(best.yaw))
-        rows.append(
-            (
-                "mount.yaw_deg",
-                "deg",
-                mount.yaw_deg,
-                turned,
-                float(np.degrees(best.sd_yaw)),
-                np.degrees(OBSERVABLE_RAD),
-                "yaw_deg",
-            )
-        )
-    update: dict[str, float] = {}
-    for name, unit, given, value, sd, limit, key in rows:
-        observable = sd <= limit
-        found.estimates.append(_estimate(name, unit, given, value if observable else given, sd if observable else np.inf))
-        if observable and abs(value - given) > _SIGNIFICANT * sd:
-            update[key] = round(value, 4)
+        limit, sd_deg = float(np.degrees(OBSERVABLE_RAD)), float(np.degrees(best.sd_yaw))
+        _weigh(found, update, ("mount.yaw_deg", "deg", "yaw_deg"), (mount.yaw_deg, turned, sd_deg, limit), None)
     if update:
         found.camera = found.camera.model_copy(update={"mount": mount.model_copy(update=update)})
     given = found.camera.stamp_offset_s
@@ -226,6 +211,26 @@ def _place(found: Findings, tracked: Sequence[Any]) -> None:
     if best.sd_m > OBSERVABLE_M:
         found.lines.append("mount.x_m, mount.y_m: not observable, no drive turns enough")
     found.lines.append(f"odometry: {best.odometry_scale:.3f} m of the map a metre, over {best.images} images")
+
+
+def _weigh(
+    found: Findings,
+    update: dict[str, float],
+    names: tuple[str, str, str],
+    figures: tuple[float, float, float, float],
+    known: Estimated | None,
+) -> None:
+    """Enter what a drive tells, together with what the references told before it, each by its standard deviation."""
+    (name, unit, key), (given, value, sd, limit) = names, figures
+    if sd > limit:
+        found.estimates.append(_estimate(name, unit, given, given, np.inf))
+        return
+    if known is not None:
+        weights = np.array([known.sd**-2, sd**-2])
+        value, sd = float(np.average([known.value, value], weights=weights)), float(weights.sum() ** -0.5)
+    found.estimates.append(_estimate(name, unit, given, value, sd))
+    if abs(value - given) > _SIGNIFICANT * sd or known is not None:
+        update[key] = round(value, 4)
 
 
 def _estimate(name: str, unit: str, given: float, value: float, sd: float) -> Estimated:

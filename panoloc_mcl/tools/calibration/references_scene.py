@@ -45,6 +45,8 @@ class ReferencesScene:
         Of the features.
     camera : AnyCamera
         Where the search begins.
+    most : int
+        References looked at, evenly over all.
 
     Raises
     ------
@@ -52,7 +54,7 @@ class ReferencesScene:
         No two references at different places, or a camera whose height nobody says.
     """
 
-    def __init__(self, references: References, settings: VotesSettings, camera: AnyCamera) -> None:
+    def __init__(self, references: References, settings: VotesSettings, camera: AnyCamera, most: int = _MOST_IMAGES) -> None:
         if camera.height_m is None:
             raise DatasetError(f"{references.path}: camera.height_m is not given; say how high the camera is above the floor")
         positions = references.poses[:, :2]
@@ -60,7 +62,7 @@ class ReferencesScene:
             raise DatasetError(f"{references.path}: has fewer than three places; the camera cannot be told from so few")
         self._references, self._settings = references, settings
         self.geometry = geometry_for_calibration(camera, references.image_size)
-        chosen = np.unique(np.linspace(0, len(positions) - 1, _MOST_IMAGES).round().astype(int))
+        chosen = np.unique(np.linspace(0, len(positions) - 1, most).round().astype(int))
         self.targets = [int(index) for index in chosen]
         nearest = cKDTree(positions).query(positions[chosen], k=min(4 * _NEIGHBOURS, len(positions)))
         distances, found = (np.asarray(part) for part in nearest)

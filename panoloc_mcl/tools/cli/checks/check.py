@@ -23,10 +23,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Print every fault, one a line, or that there are none."""
-    faults = find_faults(args.config, overrides_of(args))
+    overrides = overrides_of(args)
+    faults = find_faults(args.config, overrides)
     for fault in faults:
         print(fault, file=sys.stderr)
     if not faults:
+        for doubt in find_doubts(args.config, overrides):
+            print(doubt)
         print("no faults")
     return 2 if faults else 0
 
@@ -63,6 +66,19 @@ def find_faults(path: str, overrides: list[str | Override]) -> list[str]:
     if not faults and not of_dataset:
         of_dataset = _wrong_conventions(dataset)
     return faults + of_dataset
+
+
+def find_doubts(path: str, overrides: list[str | Override]) -> list[str]:
+    """What runs, but looks off: a camera that its own references fit badly."""
+    from panoloc_mcl.tools.calibration.claims import doubts
+    from panoloc_mcl.tools.config import dataset_in
+    from panoloc_mcl.tools.datasets import read_dataset, resolve_dataset
+
+    name = dataset_in(path, overrides)
+    if name is None:
+        return []
+    folder = resolve_dataset(name)
+    return doubts(read_dataset(folder)) if (folder / "dataset.yaml").exists() else []
 
 
 def _live_faults(path: str, overrides: list[str | Override]) -> list[str]:
