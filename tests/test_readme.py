@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.tools.cli.main import commands
 from panoloc_mcl.tools.config.model import RunConfig
 
@@ -53,6 +54,20 @@ def test_every_link_of_the_readme_leads_somewhere(link):
 
 def test_the_readme_is_a_page_and_a_half():
     assert len(README.splitlines()) <= 220
+
+
+def test_the_program_of_a_robot_runs(small_room, tmp_path, monkeypatch, capsys):
+    program = re.search(r"```python\n(.*?)```", README.split("\n## On the robot\n")[1], flags=re.DOTALL)[1]
+    assert len(program.splitlines()) <= 31
+    PanoramaMap.build(small_room).save(tmp_path / "room.panomap")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", ["follow.py", str(tmp_path / "room.panomap"), str(small_room.path)])
+    exec(compile(program, "follow.py", "exec"), {"__name__": "__main__"})
+    first = capsys.readouterr().out
+    assert first.startswith("nothing is known\n")
+    assert first.count("converged") >= 10
+    exec(compile(program, "follow.py", "exec"), {"__name__": "__main__"})
+    assert capsys.readouterr().out.startswith("goes on where it was\n")
 
 
 @pytest.mark.slow
