@@ -13,6 +13,7 @@ STUDIES = (
     "ablation",
     "confidence",
     "poses",
+    "soak",
     "consistency",
     "light",
 )

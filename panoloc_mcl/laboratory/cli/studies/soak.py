@@ -1,0 +1,33 @@
+"""``panoloc study soak``."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from panoloc_mcl.laboratory.cli.reporting import Reporting, at_least
+
+if TYPE_CHECKING:
+    from panoloc_mcl.laboratory.reports import Report
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """``--dataset``, ``--updates``, ``--modes``, ``--seed``."""
+    parser.add_argument("--dataset", default="hall", metavar="DATASET", help="a data set with ground truth, or an embedded one")
+    parser.add_argument("--updates", type=at_least(1), default=1000, metavar="N", help="images in each mode")
+    parser.add_argument(
+        "--modes", nargs="+", choices=["monte_carlo", "kalman_orientation"], default=["monte_carlo", "kalman_orientation"]
+    )
+    parser.add_argument("--seed", type=at_least(0), default=0, metavar="N")
+
+
+def execute(args: argparse.Namespace) -> Report:
+    """Drive with faults."""
+    from panoloc_mcl.laboratory.studies.soak import study
+    from panoloc_mcl.tools.cli.monitor import monitor
+
+    with monitor() as watching:
+        return study(args.dataset, args.updates, args.seed, tuple(args.modes), watching.progress)
+
+
+COMMAND = Reporting("soak", "hours of driving with random faults, and what must hold after every image", add_arguments, execute)
