@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from panoloc_mcl.robot.camera import Camera, Unwrapper
 from panoloc_mcl.robot.errors import ImageError
-from panoloc_mcl.robot.filters import Estimate, Sightings, Status
+from panoloc_mcl.robot.filters import Estimate, Status
 from panoloc_mcl.robot.interface.messages import Image, Message, Odometry
 from panoloc_mcl.robot.interface.saved_state import SavedState
 from panoloc_mcl.robot.interface.starting import make_filter, start_of
@@ -82,11 +82,10 @@ class Localizer(SavedState):
         self._odometry = OdometryBuffer(self.settings.motion)
         self._seed = config.seed if seed is None else seed
         rng = np.random.default_rng(self._seed)
-        self._filter = make_filter(
-            self.settings, self._observation.places, start_of(self.settings, start_pose, self._mount), rng
-        )
+        start = start_of(self.settings, start_pose, self._mount)
+        self._filter = make_filter(self.settings, self._observation.places, start, rng)
         self._clock = ImageClock(self.settings.motion, self._odometry)
-        self._sightings = Sightings(self.settings.status)
+        self._sightings = self._new_sightings(start)
         self._reported: dict[str, int] = {}
         # The next image counts whatever the motion gate says.
         self._forced = False
@@ -173,7 +172,7 @@ class Localizer(SavedState):
                 self._filter.propagate(motion)
                 headings = self._filter.heading_hypotheses(offset)
             with _timed(stage_ms, "observe"):
-                votes, found = self._observe(image, headings)
+                votes, found = self._observe(image, headings, motion.distance)
             with _timed(stage_ms, "update"):
                 self._filter.update(votes, offset)
             self._clock.fuse(timestamp)
@@ -236,7 +235,9 @@ class Localizer(SavedState):
         turned = gate.angle_deg > 0.0 and motion.turn >= math.radians(gate.angle_deg)
         return moved or turned
 
-    def _observe(self, image: NDArray[Any] | ImageError, headings: NDArray[np.float64] | None) -> tuple[VoteField, Finding]:
+    def _observe(
+        self, image: NDArray[Any] | ImageError, headings: NDArray[np.float64] | None, way_m: float
+    ) -> tuple[VoteField, Finding]:
         """Vote field of an image, and what is wrong with it; one that cannot be used gives a field that is silent."""
         try:
             if isinstance(image, ImageError):
@@ -249,7 +250,7 @@ class Localizer(SavedState):
             votes = silent_field(asked, self._observation.places, str(error), full_circle=headings is None)
             reason = Reason.IMAGE_UNUSABLE
         if votes.informative:
-            self._sightings.counted()
+            self._sightings.counted(way_m)
             return votes, Finding()
         self.images_skipped += 1
         self._sightings.left_out(reason)

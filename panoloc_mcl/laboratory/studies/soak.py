@@ -135,9 +135,9 @@ def study(
     """
     data = read_dataset(resolve_dataset(dataset))
     report = Report(
-        f"Random faults in {updates} images a mode on {data.name}, seed {seed}. After every image: finite pose, covariance symmetric and "
-        f"positive, weights that sum to one, status that fits its numbers. Wrong: converged and off by more than {WRONG_M:g} m or "
-        f"{WRONG_DEG:g} degrees."
+        f"Random faults in {updates} images a mode on {data.name}, seed {seed}. After every image: finite pose, covariance symmetric "
+        f"and positive, weights that sum to one, status that fits its numbers. Wrong: converged and off by more than {WRONG_M:g} m "
+        f"or {WRONG_DEG:g} degrees."
     )
     table = report.table(
         "What held",

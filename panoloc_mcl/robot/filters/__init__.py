@@ -7,7 +7,7 @@ from panoloc_mcl.robot.filters.estimate import Cluster, Estimate, FilterState, S
 from panoloc_mcl.robot.filters.kalman_orientation import KalmanOrientationFilter
 from panoloc_mcl.robot.filters.monte_carlo import MonteCarloFilter
 from panoloc_mcl.robot.filters.odometry_only import OdometryOnlyFilter
-from panoloc_mcl.robot.filters.sightings import Sightings
+from panoloc_mcl.robot.filters.sightings import Sightings, telling_way
 
 __all__ = [
     "Cluster",
@@ -20,4 +20,5 @@ __all__ = [
     "Sightings",
     "Start",
     "Status",
+    "telling_way",
 ]

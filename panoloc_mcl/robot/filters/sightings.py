@@ -6,10 +6,37 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from panoloc_mcl.robot.filters.estimate import Status
 from panoloc_mcl.robot.motion import Motion
 from panoloc_mcl.robot.reasons import Finding, Reason
 from panoloc_mcl.robot.settings.localizer import StatusSettings
+
+# References within this share of their extent from one line are on it; so few of them, or so close together, span no map, metres.
+_LINE_SHARE, _FEWEST, _PATCH_M = 0.1, 3, 0.5
+_LEAST_WAY_M, _MOST_WAY_M = 1.0, 3.0
+
+
+def telling_way(references: NDArray[np.float64]) -> float:
+    """How far a robot must drive before a map can tell its pose, metres; 0 where every image can.
+
+    Two references, a line of them or a patch show a place from one side only: depth across the line is not known from it, and poses
+    to its left look like poses to its right.
+
+    Parameters
+    ----------
+    references : float64 (n, 2)
+        Positions, metres.
+    """
+    distinct = np.unique(np.round(references, 2), axis=0)
+    centred = distinct - distinct.mean(axis=0)
+    along, across = (np.linalg.svd(centred, compute_uv=False) if len(distinct) > 1 else np.zeros(2)).tolist()[:2]
+    root = math.sqrt(len(distinct))
+    if len(distinct) >= _FEWEST and across > _LINE_SHARE * along and along / root > _PATCH_M / 2.0:
+        return 0.0
+    return float(np.clip(2.0 * along / root, _LEAST_WAY_M, _MOST_WAY_M))
 
 
 class Sightings:
@@ -18,18 +45,23 @@ class Sightings:
     Parameters
     ----------
     limits : StatusSettings
+    telling_way_m : float
+        So far the robot must drive, with images that go on agreeing, before a pose that the map alone cannot tell from its twins is
+        known (see `telling_way`).
     """
 
-    def __init__(self, limits: StatusSettings) -> None:
+    def __init__(self, limits: StatusSettings, telling_way_m: float = 0.0) -> None:
         self._limits = limits
+        self._telling_way_m, self._way_m = telling_way_m, 0.0
         self._left_out = 0
         self._last: Reason | None = None
         # Whether the pose was known when an image last counted.
         self._sure = False
 
-    def counted(self) -> None:
-        """An image was taken into the belief."""
+    def counted(self, way_m: float = 0.0) -> None:
+        """An image was taken into the belief, so many metres after the one before."""
         self._left_out, self._last = 0, None
+        self._way_m += way_m
 
     def left_out(self, why: Reason | None) -> None:
         """An image was not."""
@@ -45,6 +77,11 @@ class Sightings:
         since : Motion or None
             Where odometry has led from the time that the belief stands at; None where the belief stands at the newest image.
         """
+        if status is not Status.CONVERGED and not self._left_out:
+            self._way_m = 0.0
+        if status is Status.CONVERGED and self._way_m < self._telling_way_m:
+            told = f"the map cannot tell this pose from others ({self._way_m:.1f} of {self._telling_way_m:.1f} m driven)"
+            return Status.AMBIGUOUS, Finding(f"{told}; {Reason.MAP_CANNOT_TELL.remedy}", Reason.MAP_CANNOT_TELL)
         if not self._left_out:
             self._sure = status is Status.CONVERGED
             return status, Finding()
@@ -79,10 +116,12 @@ class Sightings:
 
     def snapshot(self) -> dict[str, Any]:
         """All that is remembered, as plain values."""
-        return {"left_out": self._left_out, "last": self._last, "sure": self._sure}
+        way = {"way_m": self._way_m, "telling_way_m": self._telling_way_m}
+        return {"left_out": self._left_out, "last": self._last, "sure": self._sure, **way}
 
     def restore(self, values: Mapping[str, Any]) -> None:
         """Take over what `snapshot` gave; KeyError or ValueError, and nothing changed, if that does not fit."""
         last = None if values["last"] is None else Reason(values["last"])
         left_out, sure = int(values["left_out"]), bool(values["sure"])
+        self._way_m, self._telling_way_m = float(values.get("way_m", 0.0)), float(values.get("telling_way_m", 0.0))
         self._left_out, self._last, self._sure = left_out, last, sure

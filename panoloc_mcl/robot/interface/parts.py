@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from panoloc_mcl.robot.camera import Camera, Mount, Unwrapper
-from panoloc_mcl.robot.filters import PoseFilter, Sightings, Status
+from panoloc_mcl.robot.filters import PoseFilter, Sightings, Start, Status, telling_way
 from panoloc_mcl.robot.locks import Lock
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.motion import Anchor, ImageClock, OdometryBuffer
@@ -43,3 +43,8 @@ class Parts:
     _reported: dict[str, int]
     # Images are worked off one at a time; neither odometry nor `pose_at` waits for them.
     _lock: Lock
+
+    def _new_sightings(self, start: Start | None) -> Sightings:
+        """Of a belief that begins; where its position is given, the map need not tell it."""
+        given = start is not None and start.position is not None
+        return Sightings(self.settings.status, 0.0 if given else telling_way(self._map.references.positions))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.robot.errors import StateError
 from panoloc_mcl.robot.files import read_arrays, write_arrays
-from panoloc_mcl.robot.filters import Sightings, Status
+from panoloc_mcl.robot.filters import Status
 from panoloc_mcl.robot.interface.steering import Steering
 from panoloc_mcl.robot.locks import locked
 from panoloc_mcl.robot.motion import Anchor, ImageClock, OdometryBuffer
@@ -99,7 +99,7 @@ class SavedState(Steering):
         odometry.restore(parts["odometry"], header["odometry"])
         clock = ImageClock(self.settings.motion, odometry)
         clock.restore(header["clock"])
-        sightings = Sightings(self.settings.status)
+        sightings = self._new_sightings(None)
         sightings.restore(header["sightings"])
         values = {name: header[name] for name in _REMEMBERED}
         anchor = None

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from panoloc_mcl.robot.filters import Cluster, Sightings, Start, Status
+from panoloc_mcl.robot.filters import Cluster, Start, Status
 from panoloc_mcl.robot.geometry import compose, inverse
 from panoloc_mcl.robot.interface.answers import Location, TimedPose, located
 from panoloc_mcl.robot.interface.parts import Parts
@@ -150,7 +150,7 @@ class Steering(Parts):
         rng = np.random.default_rng((*entropy, self._begun_anew))
         self._filter = make_filter(self.settings, self._observation.places, start, rng)
         self._clock.start_at(timestamp)
-        self._sightings = Sightings(self.settings.status)
+        self._sightings = self._new_sightings(start)
         self._anchor, self._has_fix, self._forced = None, False, True
 
     def force_update(self) -> None:

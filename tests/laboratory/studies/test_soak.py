@@ -1,0 +1,76 @@
+"""The harness itself, and half a minute of what it does for hours."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from panoloc_mcl.laboratory.studies import soak as harness
+from panoloc_mcl.laboratory.studies.soak import IMAGE_FAULTS, Findings, soak, study
+from panoloc_mcl.robot.filters import Status
+from panoloc_mcl.robot.localizer import Localizer
+from panoloc_mcl.tools.datasets import Dataset
+
+
+@pytest.fixture(autouse=True)
+def _cache(tmp_path_factory, monkeypatch):
+    monkeypatch.setenv("PANOLOC_CACHE_DIR", str(tmp_path_factory.getbasetemp() / "cache"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["monte_carlo", "kalman_orientation"])
+def test_nothing_breaks_in_half_a_minute(mode, small_room: Dataset) -> None:
+    found = soak(small_room, mode, 300, seed=3)
+    assert found.raised.total() == 0
+    assert found.broken.total() == 0
+    assert found.updates == 300
+    assert len(found.faults) > 10
+
+
+@pytest.mark.slow
+def test_it_is_told_in_tables(small_room: Dataset) -> None:
+    text = study(str(small_room.path), updates=20, seed=0, modes=("monte_carlo",)).markdown()
+    assert "sure and wrong" in text
+    assert "| monte_carlo | 20 |" in text
+
+
+@pytest.mark.slow
+def test_what_breaks_is_found(small_room: Dataset, monkeypatch) -> None:
+    """A localizer that fails, and one that lies: the harness must see both."""
+    add_image = Localizer.add_image
+    calls = iter(range(10_000))
+
+    def failing(self, timestamp, image):
+        estimate = add_image(self, timestamp, image)
+        number = next(calls)
+        if number == 5:
+            raise ZeroDivisionError
+        if estimate is None or number < 10:
+            return estimate
+        return replace(
+            estimate, pose=[*estimate.pose, 5.0, 0.0, 0.0], status=Status.CONVERGED, covariance=-np.eye(3), reasons=()
+        )
+
+    monkeypatch.setattr(Localizer, "add_image", failing)
+    found = soak(small_room, "monte_carlo", 30, seed=0)
+    assert list(found.raised)
+    assert next(iter(found.raised)).startswith("ZeroDivisionError")
+    assert "covariance not positive" in found.broken
+    assert found.wrong >= 19
+    assert found.too_long >= found.wrong - harness.MOST_IN_ROW
+    assert found.faults_found()
+
+
+@pytest.mark.parametrize("name", list(IMAGE_FAULTS))
+def test_faults_change_the_image(name: str) -> None:
+    rng = np.random.default_rng(0)
+    image = rng.integers(1, 255, (36, 90), dtype=np.uint8)
+    before = image.copy()
+    changed = IMAGE_FAULTS[name](image, rng)
+    assert np.array_equal(image, before)
+    assert changed.shape != image.shape or not np.array_equal(changed, image)
+
+
+def test_growing_memory_is_a_fault() -> None:
+    assert Findings(memory_mb=(100.0, 104.0)).faults_found() == []
+    assert Findings(memory_mb=(100.0, 106.0)).faults_found() == ["memory grew by 6.0 %"]
