@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol, Self
 
@@ -22,8 +23,10 @@ from threadpoolctl import threadpool_limits
 from panoloc_mcl.robot.camera import Camera, PanoramaGeometry, Unwrapper, camera_from_mapping, to_mapping
 from panoloc_mcl.robot.errors import MapError, PanolocError
 from panoloc_mcl.robot.files import known_errors, write_atomically
+from panoloc_mcl.robot.map.drives import Drive
 from panoloc_mcl.robot.map.keyframes import Keyframes
-from panoloc_mcl.robot.map.mending import mend
+from panoloc_mcl.robot.map.mapping import map_drives
+from panoloc_mcl.robot.map.mending import Mended, mend
 from panoloc_mcl.robot.observation import ObservationModel, Places, build_settings, model_named
 from panoloc_mcl.robot.observation.base import Arrays
 from panoloc_mcl.robot.progress import Progress, no_progress
@@ -112,16 +115,53 @@ class PanoramaMap:
             References that cannot be read or used; settings that ask for more than they give.
         """
         observation = observation or ObservationSettings()
-        source = dataset.references
         # One BLAS thread, so that the order of sums, and with it the map to the last bit, does not depend on the machine's cores.
         with threadpool_limits(1, user_api="blas"):
-            source, left_out = explained(source, observation.votes, os.cpu_count() or 1)
+            source, left_out = explained(dataset.references, observation.votes, os.cpu_count() or 1)
             mended = mend(source, observation.votes, settings or MapSettings(), progress)
-            references = mended.panoramas
+        mended = replace(mended, notes=(*left_out, *mended.notes))
+        return cls.of_keyframes(dataset.name, mended, observation, seed, progress)
+
+    @classmethod
+    def of_drives(
+        cls,
+        name: str,
+        drives: Sequence[Drive],
+        observation: ObservationSettings | None = None,
+        seed: int = 0,
+        progress: Progress = no_progress,
+        settings: MapSettings | None = None,
+    ) -> Self:
+        """Build a map from drives with odometry; its frame is that of the first drive's odometry at its first keyframe.
+
+        Parameters
+        ----------
+        name : str
+        drives : sequence of Drive
+        observation, seed, progress, settings
+            As in `build`.
+
+        Raises
+        ------
+        MapError, ImageError
+            Drives that no map can be made of; images that cannot be read.
+        """
+        observation = observation or ObservationSettings()
+        with threadpool_limits(1, user_api="blas"):
+            mended = map_drives(drives, observation.votes, settings or MapSettings(), progress)
+        return cls.of_keyframes(name, mended, observation, seed, progress)
+
+    @classmethod
+    def of_keyframes(
+        cls, name: str, mended: Mended, observation: ObservationSettings, seed: int = 0, progress: Progress = no_progress
+    ) -> Self:
+        """A map of keyframes whose poses are settled."""
+        source, references = mended.source, mended.panoramas
+        with threadpool_limits(1, user_api="blas"):
             model = model_named(observation.model).build(references, observation.selected, seed, progress)
-        notes = (*left_out, *mended.notes, *model.notes)
+        notes = (*mended.notes, *model.notes)
         made = (observation, seed, model.arrays(), mended.keyframes, notes)
-        return cls(dataset.name, references, source.camera, source.image_size, *made)
+        return cls(name, references, source.camera, source.image_size, *made)
 
     @property
     def places(self) -> Places:

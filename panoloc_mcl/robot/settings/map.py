@@ -36,6 +36,9 @@ class MapSettings(StrictModel):
     rounds: Annotated[int, Field(ge=1, le=20)] = Field(
         4, description="Rounds of depths, relative poses and pose graph at most; they end when nothing moves."
     )
+    keyframe_distance_m: Positive = Field(
+        0.25, le=10.0, description="Of a drive, an image becomes a keyframe this far from the last one, m."
+    )
 
     @model_validator(mode="before")
     @classmethod

@@ -7,6 +7,7 @@ A neighbour behind a wall never agrees and has no say.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -38,6 +39,7 @@ def sweep_profiles(
     settings: VotesSettings,
     progress: Progress = no_progress,
     threads: int = 1,
+    neighbours: Sequence[Sequence[int]] | None = None,
 ) -> Float64:
     """Distance of the wall in every column of every reference.
 
@@ -51,6 +53,8 @@ def sweep_profiles(
     progress : callable (done, total, what)
     threads : int
         References that are worked on at once; the result does not depend on it.
+    neighbours : sequence of sequence of int, optional
+        Of every reference, those that its depth is judged by; the nearest if left out.
 
     Returns
     -------
@@ -65,9 +69,11 @@ def sweep_profiles(
     wanted = min(settings.virtual_places.neighbours + alike, count)
 
     def profile_of(index: int) -> Float64:
+        if neighbours is not None:
+            return _profile(index, list(neighbours[index]), synthesizer, settings)
         distances, nearest = (np.atleast_1d(part) for part in tree.query(references.positions[index], k=wanted))
-        neighbours = [int(n) for d, n in zip(distances, nearest, strict=True) if n != index and d > 0.0]
-        return _profile(index, neighbours[: settings.virtual_places.neighbours], synthesizer, settings)
+        around = [int(n) for d, n in zip(distances, nearest, strict=True) if n != index and d > 0.0]
+        return _profile(index, around[: settings.virtual_places.neighbours], synthesizer, settings)
 
     profiles = np.empty((count, columns))
     with ThreadPoolExecutor(max_workers=threads) as pool:

@@ -4,65 +4,91 @@ from __future__ import annotations
 
 import argparse
 import json
+from typing import TYPE_CHECKING, Any
 
 from panoloc_mcl.tools.cli.command import Command, add_json_option, add_set_option, overrides_of
 
+if TYPE_CHECKING:
+    from panoloc_mcl.robot.map.panorama_map import PanoramaMap
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """DATASET, ``-o``, ``--set``, ``--json``."""
+    """DATASET, ``-o``, ``--drives``, ``--set``, ``--json``."""
     parser.add_argument("dataset", metavar="DATASET", help="folder of a data set, or the name of an embedded one (hall)")
     parser.add_argument("-o", "--output", metavar="FILE", required=True, help="the map file, such as hall.panomap")
     parser.add_argument(
         "--as-written", action="store_true", help="build even where poses or images fit another convention far better"
+    )
+    parser.add_argument(
+        "--drives",
+        nargs="+",
+        metavar="NAME",
+        help="make the map from these drives (names or globs) and their odometry instead of from references",
     )
     add_set_option(parser)
     add_json_option(parser)
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Build and save; print what the map holds, and last its path."""
+    """Build and save; print what the map holds, what was moved, and last its path."""
     from panoloc_mcl.robot.errors import MapError
     from panoloc_mcl.robot.map.panorama_map import PanoramaMap
     from panoloc_mcl.tools.cli.monitor import monitor
     from panoloc_mcl.tools.config import Override, config_from_mapping
     from panoloc_mcl.tools.conventions import reference_findings
     from panoloc_mcl.tools.datasets import read_dataset, resolve_dataset
+    from panoloc_mcl.tools.runs.map_drives import drives_of
 
     named = [Override("dataset", args.dataset, args.dataset)]
     config = config_from_mapping({}, "build-map", overrides_of(args, named))
     with monitor() as watching:
-        folder = resolve_dataset(config.dataset)
-        dataset = read_dataset(folder)
-        findings = reference_findings(dataset.references)
-        if findings and not args.as_written:
-            raise MapError([f"{finding} (or build with --as-written)" for finding in findings])
-        for finding in findings:
-            watching.notice(finding)
-        built = PanoramaMap.build(dataset, config.observation, config.seed, watching.progress)
+        dataset = read_dataset(resolve_dataset(config.dataset), config.recording)
+        made: tuple[Any, ...] = (config.observation, config.seed, watching.progress, config.map)
+        if args.drives:
+            drives, said = drives_of(dataset, args.drives)
+            for line in said:
+                watching.notice(line)
+            built = PanoramaMap.of_drives(dataset.name, drives, *made)
+        else:
+            findings = reference_findings(dataset.references)
+            if findings and not args.as_written:
+                raise MapError([f"{finding} (or build with --as-written)" for finding in findings])
+            for finding in findings:
+                watching.notice(finding)
+            built = PanoramaMap.build(dataset, *made)
         for note in built.notes:
             watching.notice(f"map: {note}")
         built.save(args.output)
-    geometry = built.geometry
-    if args.json:
-        print(
-            json.dumps(
-                {
-                    "map": args.output,
-                    "name": built.name,
-                    "references": len(built.references),
-                    "panorama": [geometry.width, geometry.height],
-                    "model": config.observation.model,
-                    "notes": list(built.notes),
-                }
-            )
-        )
-        return 0
-    print(
-        f"{built.name}: {len(built.references.names)} places, panoramas of {geometry.width} x {geometry.height} pixels, "
-        f"model {config.observation.model}"
-    )
-    print(args.output)
+    report(built, args.output, args.json)
     return 0
 
 
-COMMAND = Command("build-map", "build the map of a data set from its references", add_arguments, execute)
+def report(built: PanoramaMap, path: str, as_json: bool, **further: Any) -> None:
+    """Tell of a map that was written: for people, or as one JSON object with further values."""
+    from panoloc_mcl.tools.report.mending import lines_of, write_mending
+
+    geometry, model = built.geometry, built.observation.model
+    written = write_mending(built, path)
+    if as_json:
+        values = {
+            "map": path,
+            "name": built.name,
+            "references": len(built.references),
+            "panorama": [geometry.width, geometry.height],
+            "model": model,
+            "notes": list(built.notes),
+            "mending": None if written is None else str(written),
+        }
+        print(json.dumps(values | further))
+        return
+    print(
+        f"{built.name}: {len(built.references)} places, panoramas of {geometry.width} x {geometry.height} pixels, model {model}"
+    )
+    for line in lines_of(built):
+        print(line)
+    if written is not None:
+        print(written)
+    print(path)
+
+
+COMMAND = Command("build-map", "build the map of a data set from its references or from drives", add_arguments, execute)

@@ -19,6 +19,7 @@ from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.references import ReferencePanoramas
 from panoloc_mcl.tools.datasets import Dataset
 from panoloc_mcl.tools.report.facts import facts
+from panoloc_mcl.tools.report.mending import graph_lines, graph_values
 from panoloc_mcl.tools.report.results.results_reader import Results
 
 # More references are sampled evenly.
@@ -92,6 +93,7 @@ def inspect_map(panorama_map: PanoramaMap, model: ObservationModel, confusion: C
         ("map", panorama_map.name),
         ("observation model", panorama_map.observation.model),
         *_reference_lines(references),
+        *graph_lines(panorama_map.keyframes),
         ("places voted for", f"{len(places)}, {places.spacing:.2f} m apart"),
         ("variance kept", _share_text(kept)) if kept is not None else ("variance kept", "the model has no eigenspace"),
         ("grey-level eigenimages", _kept_text(eigen)),
@@ -103,6 +105,7 @@ def inspect_map(panorama_map: PanoramaMap, model: ObservationModel, confusion: C
         "name": panorama_map.name,
         "model": panorama_map.observation.model,
         **_reference_values(references),
+        "graph": graph_values(panorama_map.keyframes),
         "places": len(places),
         "place_spacing_m": places.spacing,
         "variance_kept": kept,

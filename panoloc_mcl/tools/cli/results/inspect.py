@@ -76,7 +76,7 @@ def _map(path: Path, watching: Any) -> tuple[Inspection, Any]:
     eigen = eigenimages_of(references)
     confusion = confusion_of(references, model, watching.progress)
     found = inspect_map(panorama_map, model, confusion, eigen)
-    return found, lambda: draw_map_inspection(references, model.places, eigen, confusion)
+    return found, lambda: draw_map_inspection(references, model.places, eigen, confusion, None, panorama_map.keyframes)
 
 
 def _dataset(name: str, watching: Any) -> tuple[Inspection, Any]:

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from panoloc_mcl.robot.geometry import FloatArray
+from panoloc_mcl.robot.map.keyframes import Keyframes
 from panoloc_mcl.robot.observation import Places
 from panoloc_mcl.robot.references import ReferencePanoramas
 from panoloc_mcl.tools.datasets import Dataset
 from panoloc_mcl.tools.evaluation.record import group_of
+from panoloc_mcl.tools.report.figures.graph import draw_graph_on
 from panoloc_mcl.tools.report.figures.style import BLUE, GREEN, ORANGE, PINK, RED, SKY, VOTE_COLORS
 from panoloc_mcl.tools.report.inspection import Confusion, Eigenimages
 
@@ -27,6 +29,7 @@ def draw_map_inspection(
     eigen: Eigenimages,
     confusion: Confusion | None,
     dataset: Dataset | None = None,
+    keyframes: Keyframes | None = None,
 ) -> Figure:
     """Mean image, eigenimages, variance kept, coverage; and which places are confused, or where the drives go.
 
@@ -40,12 +43,17 @@ def draw_map_inspection(
         Of a map.
     dataset : Dataset, optional
         Whose drives are drawn.
+    keyframes : Keyframes, optional
+        Whose graph is drawn.
     """
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(8.4, 7.2), layout="constrained", facecolor="none")
-    parts: Any = figure.subfigures(2, 1, height_ratios=[1.15, 1.0])
-    upper, lower = parts
+    graph = keyframes is not None and len(keyframes.edges) > 0
+    figure = Figure(figsize=(8.4, 12.2 if graph else 7.2), layout="constrained", facecolor="none")
+    parts: Any = figure.subfigures(3 if graph else 2, 1, height_ratios=[1.15, 1.0, 1.5] if graph else [1.15, 1.0])
+    upper, lower = parts[0], parts[1]
+    if graph and keyframes is not None:
+        draw_graph_on(parts[2].subplots(), keyframes)
     _draw_images(upper, references, eigen)
     panels = lower.subplots(1, 3 if confusion is not None else 2)
     _draw_kept(panels[0], eigen)

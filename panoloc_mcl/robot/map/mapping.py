@@ -1,0 +1,324 @@
+"""A map from drives: keyframes along the way, relative poses of those one after the other, loops, and a pose graph over all.
+
+It reads as the algorithm: depths from neighbours along the way, where odometry is good; measured steps; loops that images and odometry
+bear out; then the same as with references, among all that are near, until nothing moves.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from panoloc_mcl.robot.errors import MapError
+from panoloc_mcl.robot.geometry import angle_difference, between, wrap_angle
+from panoloc_mcl.robot.map.drives import Drive, check_drives, chosen_keyframes
+from panoloc_mcl.robot.map.keyframes import BELIEVED, LOOP, ODOMETRY, Edges, Keyframes
+from panoloc_mcl.robot.map.loops import Likeness, proposed, verified
+from panoloc_mcl.robot.map.meetings import meeting
+from panoloc_mcl.robot.map.mending import Mended, robot_edges
+from panoloc_mcl.robot.map.pairs import measure_pairs, neighbour_pairs
+from panoloc_mcl.robot.map.pose_graph import Priors, Solution, solve
+from panoloc_mcl.robot.progress import Progress, no_progress
+from panoloc_mcl.robot.references import ReferencePanoramas, References, read_references
+from panoloc_mcl.robot.settings.map import MapSettings
+from panoloc_mcl.robot.settings.observation import VotesSettings
+from panoloc_mcl.robot.synthesis import ViewSynthesizer, sweep_profiles
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Bool = NDArray[np.bool_]
+
+# Along the way, every keyframe is measured against so many before and after it.
+_ALONG = 2
+# Farther apart than this, two keyframes of a drive show other things.
+_FARTHEST_M = 1.5
+# Keyframes this many apart along the way are not one after the other.
+_LOOP_AFTER = 6
+# What steps measured by images err by, beside what odometry does: so far may two poses be off each other after a way.
+_GATE_M, _GATE_PER_M = 0.8, 0.02
+_GATE_RAD, _GATE_RAD_PER_M, _WIDEST_RAD = np.radians(12.0), np.radians(0.5), np.radians(50.0)
+_LEAST_SHARE = 0.6
+_STILL_SHARE, _STILL_M, _STILL_RAD = 0.9, 0.004, np.radians(0.05)
+# Grey levels that an image varies by at the least, standard deviation: less is dark, covered or saturated.
+_LEAST_SPREAD = 2.0
+
+
+def map_drives(
+    drives: Sequence[Drive], votes: VotesSettings, settings: MapSettings, progress: Progress = no_progress
+) -> Mended:
+    """Keyframes of drives with poses in one frame, that of the first drive's odometry at its first keyframe.
+
+    Parameters
+    ----------
+    drives : sequence of Drive
+        All of one camera.
+    votes : VotesSettings
+        How images are compared.
+    settings : MapSettings
+    progress : callable (done, total, what)
+
+    Raises
+    ------
+    MapError, ImageError
+        Drives that no map can be made of; images that cannot be read.
+    """
+    notes = list(check_drives(drives))
+    chosen = [drive.of(chosen_keyframes(drive, settings.keyframe_distance_m)) for drive in drives]
+    return _Mapping(chosen, votes, settings, progress, notes).run()
+
+
+class _Mapping:
+    """The state between rounds; arrays are over all keyframes, drive after drive."""
+
+    def __init__(
+        self, drives: list[Drive], votes: VotesSettings, settings: MapSettings, progress: Progress, notes: list[str]
+    ) -> None:
+        self.votes, self.settings, self.progress, self.notes = votes, settings, progress, notes
+        self.threads = votes.virtual_places.threads or os.cpu_count() or 1
+        self._read(drives)
+        self.edges = Edges.none()
+        # Headings by which the panoramas at hand were turned to 0.
+        self._turned: Float64 = self.poses[:, 2].copy()
+
+    def _read(self, drives: list[Drive]) -> None:
+        """Read the images; those without texture are left out."""
+        kept = []
+        for drive in drives:
+            panoramas = read_references(_source(drive), self.progress)
+            spread = panoramas.pixels.reshape(len(panoramas), -1).astype(np.float32).std(axis=1)
+            seen = spread > _LEAST_SPREAD
+            if not seen.all():
+                self.notes.append(
+                    f"drive {drive.name}: {np.sum(~seen)} of {len(drive.files)} keyframes show nothing (dark, covered or "
+                    "saturated) and are left out"
+                )
+            if seen.sum() >= 2:
+                kept.append(drive.of(np.flatnonzero(seen)))
+        if not kept:
+            raise MapError("drives: no image shows anything; a map needs light")
+        self.drives = kept
+        self.starts = np.concatenate([[0], np.cumsum([len(drive.files) for drive in kept])])
+        self.owner = np.repeat(np.arange(len(kept)), np.diff(self.starts))
+        mounting = kept[0].camera.mounting
+        self.given = np.concatenate([mounting.camera_poses(drive.odometry) for drive in kept])
+        self.poses = self.given.copy()
+        self.odometry = Edges.none()
+        for start, drive in zip(self.starts, kept, strict=False):
+            standing = replace_odometry(drive, mounting.camera_poses(drive.odometry))
+            self.odometry = self.odometry.joined(standing.edges(int(start)))
+        #: Drives that are in the map's frame already; the others wait until they meet.
+        self.anchored = [0]
+
+    def run(self) -> Mended:
+        """Along the way, loops, and rounds among all that are near."""
+        synthesizer, sufficient = self._along_the_way()
+        self._meet(synthesizer, sufficient)
+        self._close_loops(synthesizer, sufficient)
+        for _ in range(max(1, self.settings.rounds - 2)):
+            before = self.poses.copy()
+            solution = self._among_the_near()
+            if self._still(before):
+                break
+        return self._result(solution)
+
+    def _along_the_way(self) -> tuple[ViewSynthesizer, float]:
+        """Depths and relative poses from keyframes before and after."""
+        self.panoramas = self._panoramas()
+        pairs = self._pairs_along()
+        neighbours = [pairs[pairs[:, 1] == index, 0].tolist() for index in range(len(self.poses))]
+        synthesizer = self._synthesizer(neighbours)
+        panorama = self._panorama_poses()
+        starts = between(panorama[pairs[:, 0]], panorama[pairs[:, 1]])
+        measured = measure_pairs(synthesizer, pairs, starts, self.votes, False, self.progress, self.threads)
+        sufficient = _LEAST_SHARE * float(np.median(measured.agreement))
+        self.edges = robot_edges(measured, self._turned, sufficient)
+        self._solve()
+        return synthesizer, sufficient
+
+    def _pairs_along(self) -> Int64:
+        pairs = [
+            (i, j)
+            for start, end in zip(self.starts[:-1], self.starts[1:], strict=True)
+            for i in range(start, end)
+            for j in range(max(start, i - _ALONG), min(end, i + _ALONG + 1))
+            if i != j and np.hypot(*(self.given[i] - self.given[j])[:2]) <= _FARTHEST_M
+        ]
+        return np.array(pairs, dtype=np.int64).reshape(-1, 2)
+
+    def _meet(self, synthesizer: ViewSynthesizer, sufficient: float) -> None:
+        """Bring every further drive into the frame of those that are there, where images of both agree."""
+        if len(self.drives) == 1:
+            return
+        likeness = Likeness(self.panoramas, self.votes)
+        waiting = list(range(1, len(self.drives)))
+        while waiting:
+            for drive in waiting:
+                theirs = np.flatnonzero(np.isin(self.owner, self.anchored))
+                mine = np.flatnonzero(self.owner == drive)
+                found = meeting(
+                    synthesizer, likeness, self.poses, self._turned, theirs, mine, self.votes, sufficient, self.threads
+                )
+                if found is not None:
+                    self.poses[mine] = found
+                    self.anchored.append(drive)
+                    waiting.remove(drive)
+                    break
+            else:
+                break
+        if waiting:
+            names = ", ".join(self.drives[drive].name for drive in waiting)
+            self.notes.append(
+                f"drives that never meet the others are left out: {names}; make a map of each, or drive a way between"
+            )
+            self._keep(np.flatnonzero(np.isin(self.owner, self.anchored)))
+
+    def _keep(self, kept: Int64) -> None:
+        """Go on with some keyframes (whole drives) only."""
+        self.edges, self.odometry = self.edges.among(kept), self.odometry.among(kept)
+        self.poses, self.given, self.owner = self.poses[kept], self.given[kept], self.owner[kept]
+        self.panoramas, self._turned = self.panoramas.of(kept), self._turned[kept]
+        self.drives = [self.drives[drive] for drive in sorted(self.anchored)]
+        self.owner = np.searchsorted(sorted(self.anchored), self.owner)
+        self.starts = np.concatenate([[0], np.cumsum([len(drive.files) for drive in self.drives])])
+        self.anchored = list(range(len(self.drives)))
+
+    def _close_loops(self, synthesizer: ViewSynthesizer, sufficient: float) -> None:
+        """Loops within drives and between them, twice: what the first ones pull straight brings others within reach."""
+        if len(synthesizer.references) != len(self.poses):
+            synthesizer = self._synthesizer(None)
+        likeness = Likeness(self.panoramas, self.votes)
+        for _ in range(2):
+            way = self._way_between()
+            apart = (np.abs(np.subtract.outer(np.arange(len(self.poses)), np.arange(len(self.poses)))) >= _LOOP_AFTER) | (
+                self.owner[:, None] != self.owner[None]
+            )
+            pairs, turns = proposed(
+                likeness,
+                self.poses,
+                self._turned,
+                _GATE_M + _GATE_PER_M * way,
+                np.minimum(_GATE_RAD + _GATE_RAD_PER_M * way, _WIDEST_RAD),
+                apart,
+            )
+            loops = verified(synthesizer, pairs, turns, self._turned, self.votes, sufficient, self.progress, self.threads)
+            self.edges = self.edges.chosen(self.edges.kinds != LOOP).joined(loops)
+            before = self.poses.copy()
+            self._solve()
+            if not len(loops) or self._still(before):
+                break
+
+    def _way_between(self) -> Float64:
+        """Metres driven between any two keyframes of a drive; between drives, as far as their meeting is sure."""
+        step = np.hypot(*np.diff(self.poses[:, :2], axis=0).T)
+        step[self.starts[1:-1] - 1] = 0.0
+        along = np.concatenate([[0.0], np.cumsum(step)])
+        return np.where(self.owner[:, None] == self.owner[None], np.abs(np.subtract.outer(along, along)), 20.0)
+
+    def _among_the_near(self) -> Solution:
+        """Depths and relative poses among all keyframes that are near each other."""
+        self.panoramas = self._panoramas()
+        pairs = neighbour_pairs(self.panoramas.positions, self.settings.neighbours, _FARTHEST_M)
+        pairs = np.unique(np.concatenate([pairs, self._pairs_along()]), axis=0)
+        synthesizer = self._synthesizer(self._believed_neighbours())
+        panorama = self._panorama_poses()
+        starts = between(panorama[pairs[:, 0]], panorama[pairs[:, 1]])
+        measured = measure_pairs(synthesizer, pairs, starts, self.votes, True, self.progress, self.threads)
+        edges = robot_edges(measured, self._turned, _LEAST_SHARE * float(np.median(measured.agreement)))
+        along = np.abs(edges.first - edges.second) < _LOOP_AFTER
+        loops = np.where(along & (self.owner[edges.first] == self.owner[edges.second]), edges.kinds, LOOP)
+        self.edges = replace(edges, kinds=loops)
+        return self._solve()
+
+    def _believed_neighbours(self) -> list[list[int]]:
+        """Of every keyframe, those nearest that an edge joins it to: depth is not judged by one that may lie elsewhere."""
+        believed = self.edges.chosen(self.edges.weights >= BELIEVED)
+        wanted = self.votes.virtual_places.neighbours
+        found = []
+        for index in range(len(self.poses)):
+            joined = np.unique(
+                np.concatenate([believed.first[believed.second == index], believed.second[believed.first == index]])
+            )
+            # What lies nearly at the same place shows no depth.
+            away = np.hypot(*(self.poses[joined] - self.poses[index])[:, :2].T)
+            joined, away = joined[away > 0.1], away[away > 0.1]
+            found.append(joined[np.argsort(away, kind="stable")][:wanted].tolist())
+        return found
+
+    def _solve(self) -> Solution:
+        sds = np.full((len(self.poses), 2), np.inf)
+        # The frame: the first keyframe of the first drive stays; drives that have not met yet stay where odometry has them.
+        for drive in range(len(self.drives)):
+            if drive == 0 or drive not in self.anchored:
+                sds[self.starts[drive]] = 1e-4
+        images = self.edges
+        every = self.odometry.joined(images)
+        solution = solve(self.poses, every, Priors(self.poses.copy(), sds, robust=False))
+        self.poses = solution.poses
+        self.edges = solution.edges.chosen(solution.edges.kinds != ODOMETRY)
+        return solution
+
+    def _panoramas(self) -> ReferencePanoramas:
+        self._turned = self.poses[:, 2].copy()
+        return read_references(self._whole().moved_to(self.poses), self.progress)
+
+    def _panorama_poses(self) -> Float64:
+        return np.column_stack([self.poses[:, :2], wrap_angle(self.poses[:, 2] - self._turned)])
+
+    def _synthesizer(self, neighbours: list[list[int]] | None) -> ViewSynthesizer:
+        references = replace(self.panoramas, positions=np.ascontiguousarray(self.poses[:, :2]))
+        height = references.camera_height_m
+        assert height is not None
+        profiles = sweep_profiles(references, height, self.votes, self.progress, self.threads, neighbours)
+        return ViewSynthesizer(references, profiles, height)
+
+    def _still(self, before: Float64) -> bool:
+        moved = np.hypot(*(self.poses - before)[:, :2].T)
+        turned = np.abs(angle_difference(self.poses[:, 2], before[:, 2]))
+        return bool(np.mean((moved < _STILL_M) & (turned < _STILL_RAD)) >= _STILL_SHARE)
+
+    def _whole(self) -> References:
+        files = tuple(file for drive in self.drives for file in drive.files)
+        first = self.drives[0]
+        return References(Path(first.name), files, self.poses, first.camera, first.image_size)
+
+    def _result(self, solution: Solution) -> Mended:
+        names = tuple(f"{drive.name}/{file.name}" for drive in self.drives for file in drive.files)
+        keyframes = Keyframes(
+            names,
+            self.given,
+            self.poses,
+            solution.covariances,
+            np.concatenate([drive.times for drive in self.drives]),
+            tuple(drive.name for drive in self.drives for _ in drive.files),
+            solution.edges,
+        )
+        source = self._whole().moved_to(self.poses)
+        panoramas = replace(read_references(source, self.progress), names=names)
+        return Mended(source, panoramas, keyframes, (*self.notes, *_summary(keyframes)))
+
+
+def _summary(keyframes: Keyframes) -> Iterator[str]:
+    edges = keyframes.edges
+    loops = edges.kinds == LOOP
+    believed = int(np.sum(edges.weights[loops] >= 0.5))
+    way = float(np.hypot(*np.diff(keyframes.poses[:, :2], axis=0).T).sum())
+    yield (
+        f"{len(keyframes)} keyframes over {way:.0f} m, {len(edges)} relative poses, {believed} of {int(loops.sum())} between keyframes "
+        f"that met again are borne out"
+    )
+    if believed == 0:
+        yield "the drive closes no loop: the map is as straight as its steps are; drive over a place again to close one"
+
+
+def replace_odometry(drive: Drive, poses: Float64) -> Drive:
+    """The drive with other poses."""
+    return replace(drive, odometry=poses)
+
+
+def _source(drive: Drive) -> References:
+    return References(Path(drive.name), drive.files, drive.odometry, drive.camera, drive.image_size)

@@ -1,0 +1,95 @@
+"""Maps from drives, on the small room's drive, whose true poses are known, and on drives that cannot become one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from panoloc_mcl.robot.errors import MapError
+from panoloc_mcl.robot.geometry import angle_difference
+from panoloc_mcl.robot.map.drives import Drive, check_drives, chosen_keyframes
+from panoloc_mcl.robot.map.keyframes import ODOMETRY
+from panoloc_mcl.robot.map.mapping import map_drives
+from panoloc_mcl.robot.settings.map import MapSettings
+from panoloc_mcl.robot.settings.observation import VotesSettings
+from panoloc_mcl.tools.datasets import Dataset
+from panoloc_mcl.tools.runs.map_drives import drives_of
+
+
+def a_drive(dataset: Dataset) -> Drive:
+    (drive,), notes = drives_of(dataset, ["*"])
+    assert notes == []
+    return drive
+
+
+def aligned_errors(found: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    a, b = found[:, :2] - found[:, :2].mean(axis=0), truth[:, :2] - truth[:, :2].mean(axis=0)
+    u, _, v = np.linalg.svd(a.T @ b)
+    return np.hypot(*(a @ (u @ np.diag([1.0, np.sign(np.linalg.det(u @ v))]) @ v) - b).T)
+
+
+def with_errors(drive: Drive, rng: np.random.Generator) -> Drive:
+    """The drive with odometry that bends to one side and is 3 % short."""
+    odometry = drive.odometry.copy()
+    steps = np.diff(odometry[:, :2], axis=0) * 0.97
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*steps.T))])
+    bend = np.radians(2.0) * way
+    turned = np.stack([np.cos(bend[1:]), np.sin(bend[1:])], axis=-1)
+    bent = np.column_stack(
+        [turned[:, 0] * steps[:, 0] - turned[:, 1] * steps[:, 1], turned[:, 1] * steps[:, 0] + turned[:, 0] * steps[:, 1]]
+    )
+    odometry[1:, :2] = odometry[0, :2] + np.cumsum(bent + rng.normal(0.0, 0.01, bent.shape), axis=0)
+    odometry[:, 2] += bend
+    return replace(drive, odometry=odometry)
+
+
+@pytest.mark.slow
+def test_a_drive_becomes_a_map_that_is_truer_than_its_odometry(small_room: Dataset):
+    drive = with_errors(a_drive(small_room), np.random.default_rng(0))
+    (recorded,) = small_room.sequences.values()
+    mapped = map_drives([drive], VotesSettings(), MapSettings(file=None))
+    truth = recorded.groundtruth.at(mapped.keyframes.times)
+    before = aligned_errors(mapped.keyframes.given, truth)
+    after = aligned_errors(mapped.keyframes.poses, truth)
+    assert np.median(after) < 0.4 * np.median(before)
+    assert len(mapped.panoramas) == len(mapped.keyframes)
+    assert mapped.panoramas.names[0].startswith(f"{drive.name}/")
+    assert "keyframes over" in mapped.notes[0]
+    # The frame is that of the first keyframe.
+    np.testing.assert_allclose(mapped.keyframes.poses[0, :2], drive.odometry[0, :2], atol=1e-3)
+    assert abs(float(angle_difference(mapped.keyframes.poses[0, 2], drive.odometry[0, 2]))) < 1e-3
+
+
+def test_turning_on_the_spot_makes_no_keyframes():
+    odometry = np.zeros((20, 3))
+    odometry[:10, 2] = np.linspace(0.0, 3.0, 10)
+    odometry[10:, 0] = 0.1 * np.arange(1, 11)
+    drive = Drive("a", tuple(range(20)), np.arange(20.0), odometry, None, (1, 1))  # type: ignore[arg-type]
+    np.testing.assert_array_equal(chosen_keyframes(drive, 0.25), [0, 12, 15, 18])
+
+
+def test_odometry_that_jumps_says_little_and_is_named(small_room: Dataset):
+    drive = a_drive(small_room)
+    jumped = drive.odometry.copy()
+    jumped[6:, 0] += 40.0
+    broken = replace(drive, odometry=jumped)
+    assert broken.jumps().sum() == 1
+    edges = broken.edges(3)
+    assert (edges.kinds == ODOMETRY).all()
+    assert edges.first[0] == 3
+    assert edges.covariances[5, 0, 0] == pytest.approx(1.0)
+    assert edges.covariances[4, 0, 0] < 0.1
+    (line,) = check_drives([broken])
+    assert "jumps 1 times" in line
+    assert "39." in line
+
+
+def test_what_no_map_can_be_made_of_is_said_in_one_line_each(small_room: Dataset):
+    drive = a_drive(small_room)
+    still = replace(drive, odometry=np.zeros_like(drive.odometry))
+    low = replace(drive, camera=drive.camera.model_copy(update={"height_m": None}))
+    for drives, words in (([], "at least one drive"), ([still], "hardly moved"), ([low], "camera.height_m")):
+        with pytest.raises(MapError, match=words):
+            check_drives(drives)
+    with pytest.raises(MapError, match="another camera"):
+        check_drives([drive, replace(drive, name="b", image_size=(8, 8))])
