@@ -113,6 +113,8 @@ class ReferencePanoramas:
     geometry : PanoramaGeometry
     camera_height_m : float or None
         Of the camera above the floor.
+    sds : float64 (n, 2), optional
+        Standard deviations that the map claims of their poses: of the position, metres, and of the heading, radians.
     """
 
     pixels: NDArray[np.uint8]
@@ -121,6 +123,7 @@ class ReferencePanoramas:
     names: tuple[str, ...]
     geometry: PanoramaGeometry
     camera_height_m: float | None
+    sds: NDArray[np.float64] | None = None
 
     def __len__(self) -> int:
         return len(self.pixels)
@@ -137,6 +140,7 @@ class ReferencePanoramas:
             valid=None if self.valid is None else self.valid[indices],
             positions=self.positions[indices],
             names=tuple(self.names[index] for index in indices),
+            sds=None if self.sds is None else self.sds[indices],
         )
 
 

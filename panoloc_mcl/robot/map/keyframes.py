@@ -135,7 +135,9 @@ class Keyframes:
     def surveyed(cls, names: tuple[str, ...], poses: Float64, sds: Float64 | None = None) -> Self:
         """Keyframes with given poses; ``sds`` (n, 2) of position and heading, metres and radians, if they are known."""
         count = len(names)
-        variances = np.zeros((count, 3)) if sds is None else np.asarray(sds, dtype=np.float64)[:, [0, 0, 1]] ** 2
+        # NaN: nobody says.
+        known = np.zeros((count, 2)) if sds is None else np.nan_to_num(np.asarray(sds, dtype=np.float64), nan=0.0)
+        variances = known[:, [0, 0, 1]] ** 2
         covariances = np.einsum("ni,ij->nij", variances, np.eye(3))
         poses = np.array(poses, dtype=np.float64).reshape(count, 3)
         return cls(names, poses, poses.copy(), covariances, np.full(count, np.nan), ("",) * count)

@@ -87,6 +87,10 @@ class PanoramaMap:
     keyframes: Keyframes
     notes: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        # Views made from references err by what these are off.
+        object.__setattr__(self, "references", replace(self.references, sds=self.keyframes.sds))
+
     @classmethod
     def build(
         cls,

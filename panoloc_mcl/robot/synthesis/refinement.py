@@ -180,7 +180,7 @@ class PoseRefiner:
         pose, tilt, equations = self._descended(planes, fine, pose, tilt)
         pose[2] = wrap_angle(pose[2])
         leaning = _turned(tilt, -float(pose[2]))
-        of_map = self._synthesizer.errors.covariance(*self.sources_at(pose[:2]))
+        of_map = self._synthesizer.errors_at(*self._weighted_sources(pose[:2], self._settings.refinement.sources), pose[:2])
         return PoseMeasurement(pose, self._covariance(equations) + of_map, leaning, equations.agreement, of_map)
 
     def _descended(

@@ -105,6 +105,18 @@ class ViewSynthesizer:
         distances, found = self._tree.query(position, k=min(count, len(self._sources)))
         return np.atleast_1d(distances), self._sources[np.atleast_1d(found)]
 
+    def errors_at(self, weights: Float64, sources: NDArray[np.int64], position: Float64) -> Float64:
+        """Covariance of what the map errs by in a pose that is read off views of sources, float64 (3, 3), metres and radians.
+
+        What references tell of each other (`errors`), and what their poses are known to err by together, as after mending.
+        """
+        covariance = self.errors.covariance(weights, position - self.references.positions[sources])
+        if self.references.sds is not None:
+            # What all have in common does not average out.
+            x, heading = weights @ np.square(self.references.sds[sources])
+            covariance += np.diag([x, x, heading])
+        return covariance
+
     def of(self, indices: NDArray[np.int64]) -> ViewSynthesizer:
         """A synthesiser that has some of the references only."""
         return ViewSynthesizer(self.references.of(indices), self.profiles[indices], self.camera_height_m, self.alone[indices])

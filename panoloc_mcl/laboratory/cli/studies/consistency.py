@@ -26,7 +26,7 @@ def execute(args: argparse.Namespace) -> Report:
     from panoloc_mcl.tools.cli.monitor import monitor
 
     with monitor() as watching:
-        return study(config_of(args, seed=args.seed), args.every, args.rows, watching.progress)
+        return study(config_of(args, seed=args.seed), args.every, args.rows, watching.progress, args.keep)
 
 
 COMMAND = Reporting("consistency", "whether claimed covariances hold, condition by condition", add_arguments, execute)
