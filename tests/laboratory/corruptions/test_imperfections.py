@@ -1,4 +1,5 @@
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -392,3 +393,13 @@ def test_light_and_levels_are_each_other_undone():
     np.testing.assert_array_equal(levels_of(light_of(levels)), levels)
     colours = np.random.default_rng(0).integers(0, 256, (4, 5, 3), dtype=np.uint8)
     np.testing.assert_array_equal(levels_of(light_of(colours)), colours)
+
+
+def test_the_page_on_comparisons_lists_all_of_them_as_they_are():
+    page = (Path(__file__).parents[3] / "docs" / "how-to" / "compare.md").read_text(encoding="utf-8")
+    rows = {row.split("`")[1]: row for row in page.splitlines() if row.startswith("| `")}
+    assert set(rows) >= set(IMPERFECTIONS)
+    for name, one in IMPERFECTIONS.items():
+        mild, strong = (", ".join(f"{key} {value:g}" for key, value in one.at(level).items()) for level in LEVELS)
+        assert rows[name].endswith(f"| {mild} | {strong} |")
+        assert ("·" in rows[name]) != one.together
