@@ -112,6 +112,10 @@ class ImageBias:
         information = says.T @ np.linalg.solve(rest, says) + _LEAST * np.linalg.inv(covariance)
         new_covariance = _symmetric(np.linalg.inv(information))
         new_pose = cluster.pose + new_covariance @ (says.T @ np.linalg.solve(rest, off))
+        corrected = _off(new_pose, pose)
+        if float(corrected @ np.linalg.solve(bias + covariance, corrected)) > _EXPECTED:
+            # The bias explains no correction that large: the predicted covariance is too narrow in some direction.
+            return Seen(pose, covariance, self.of_first(pose, covariance), expected=True, new=True)
         gain_pose = np.linalg.solve(innovation, (before + with_pose).T).T
         gain_bias = np.linalg.solve(innovation, (with_pose.T + bias).T).T
         after = ImageBias(
