@@ -2,8 +2,8 @@
 
 Looked at are gradients of log grey levels, which no gain changes. Over many images those of the robot keep their value, those of the
 world do not: their median is large against their median deviation from it. A part of the robot without texture has small gradients
-that hardly deviate, on a scale where noise averages out; where the world beside it is as plain, nothing tells them apart, and nothing
-is lost.
+that hardly deviate, on a scale where noise averages out, and edges around it that keep their direction; where the world beside it is as
+plain, nothing tells them apart, and nothing is lost.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ FEWEST_IMAGES, MOST_IMAGES = 8, 120
 _CERTAIN, _LIKELY = 2.0, 1.0
 # Of the usual deviation in the image, on the scale of plain parts; the world's smallest are above 0.3.
 _PLAIN = 0.12
+# A part without texture counts where the edges around it keep their direction; those of the world do by 0.1 to 0.3.
+_EDGE = 0.5
 _SIGMA_PX, _PLAIN_SIGMA_PX = 1.0, 3.0
 _DARK = 4.0  # grey levels added before the logarithm, about the noise of a camera
 _LEAST_PART = 1e-3  # of the pixels; smaller parts are chance
@@ -133,7 +135,7 @@ def _constant(fine: Float32, coarse: Float32, used: Bool) -> tuple[Bool, Float32
     # A camera's digits and noise alone make a deviation of this size.
     ratio = strength / (deviation + np.float32(0.1) * np.median(deviation[used]))
     _, plain_deviation = _median_and_deviation(coarse)
-    plain = plain_deviation < _PLAIN * np.median(plain_deviation[used])
+    plain = _outlined(used & (plain_deviation < _PLAIN * np.median(plain_deviation[used])), _edge_coherence(fine))
     certain, likely = (ratio > _CERTAIN) | plain, (ratio > _LIKELY) | plain
     body = _grown(certain & used, likely & used)
     return _tidied(body) & used, np.asarray(ratio, dtype=np.float32)
@@ -143,6 +145,31 @@ def _median_and_deviation(gradients: Float32) -> tuple[Float32, Float32]:
     median = np.median(gradients, axis=0)
     deviation = np.median(np.hypot(*np.moveaxis(gradients - median, 1, 0)), axis=0)
     return np.hypot(*median), deviation
+
+
+def _edge_coherence(gradients: Float32) -> Float32:
+    """How far the direction of a pixel's edge stays the same, whichever side is the brighter one: 0 to 1 (height, width)."""
+    z = gradients[:, 0] + 1j * gradients[:, 1]
+    doubled = z * z
+    size = np.abs(doubled)
+    return np.asarray(np.abs(np.mean(doubled / (size + 1e-2 * size.mean()), axis=0)), dtype=np.float32)
+
+
+def _outlined(plain: Bool, coherence: Float32) -> Bool:
+    """Plain parts that end in edges of their own; a plain floor ends anywhere."""
+    count, labels = cv2.connectedComponents(plain.astype(np.uint8), connectivity=8)
+    # Plain parts begin inside their edges, as far as these are smoothed.
+    reach = round(_PLAIN_SIGMA_PX)
+    inside, around = (np.ones((2 * n + 1, 2 * n + 1), np.uint8) for n in (reach, reach + 3))
+    found = np.zeros(plain.shape, dtype=np.bool_)
+    for part in range(1, count):
+        mask = (labels == part).astype(np.uint8)
+        if mask.sum() < _LEAST_PART * mask.size:
+            continue
+        rim = (cv2.dilate(mask, around) > 0) & (mask == 0)
+        if rim.any() and float(np.quantile(coherence[rim], 0.75)) > _EDGE:
+            found |= cv2.dilate(mask, inside) > 0
+    return found
 
 
 def _grown(certain: Bool, likely: Bool) -> Bool:

@@ -28,6 +28,9 @@ Float32 = NDArray[np.float32]
 # A found value is taken over where it differs from the given one by so many standard deviations, and gains something.
 _SIGNIFICANT = 2.0
 _LEAST_HIDDEN = 1e-3
+_RIM_PX = 4.0
+# Drives looked at: for the optics of their camera, and for where it sits.
+_MOST_DRIVES, _MOST_PLACED = 6, 3
 
 
 @dataclass(eq=False)
@@ -111,9 +114,10 @@ def calibrate(
     with_odometry = [drive for drive in subjects if drive.odometry is not None and len(drive) >= FEWEST_IMAGES]
     if of_drives or with_odometry:
         yardstick = Yardstick(yard, settings, progress)
-        tracked = [yardstick.track(drive, found.camera, progress=progress) for drive in (with_odometry or subjects)[:3]]
-        tracked = [track for track in tracked if len(track.indices) >= FEWEST_IMAGES]
-        if of_drives and tracked:
+        looked_at = subjects[:_MOST_DRIVES] if of_drives else with_odometry[:_MOST_PLACED]
+        tracked = [yardstick.track(drive, found.camera, progress=progress) for drive in looked_at]
+        tracked = [track for track in tracked if len(track.indices)]
+        if of_drives and sum(len(track.indices) for track in tracked) >= FEWEST_IMAGES:
             scene_of_drives = DrivesScene(yardstick, tracked)
             _take_over(found, adjust(found.camera, parameters_by_map(found.camera), scene_of_drives, progress))
             tracked = [yardstick.track(track.drive, found.camera, progress=progress) for track in tracked]
@@ -165,7 +169,8 @@ def _seen(camera: AnyCamera, size: tuple[int, int]) -> NDArray[np.bool_] | None:
     v, u = np.mgrid[: size[1], : size[0]]
     center = camera.center_px  # type: ignore[union-attr]
     radius = np.hypot(u - center[0], v - center[1])
-    return np.asarray((radius >= radii[0]) & (radius <= radii[1]))
+    # The rim itself is an edge that never moves.
+    return np.asarray((radius >= radii[0] + _RIM_PX) & (radius <= radii[1] - _RIM_PX))
 
 
 def _take_over(found: Findings, adjustment: Adjustment) -> None:

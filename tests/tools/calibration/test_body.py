@@ -61,3 +61,21 @@ def test_a_robot_that_stands_still_is_not_sure() -> None:
 def test_a_few_images_are_refused() -> None:
     with pytest.raises(ValueError, match="8 are needed"):
         find_body(worlds()[:5])
+
+
+def test_a_plain_body_is_told_by_its_edges_and_a_plain_floor_is_kept() -> None:
+    images = worlds(5)
+    floor, strut = np.zeros((ROWS, COLUMNS), dtype=bool), np.zeros((ROWS, COLUMNS), dtype=bool)
+    floor[48:] = True
+    strut[:48, 60:90] = True
+    rng = np.random.default_rng(2)
+    plain = []
+    for image in images:
+        level, noise = float(np.median(image)), rng.normal(0.0, 1.0, image.shape)
+        # The floor fades into the world, and is as bright as the place; the strut is half as bright, and ends sharply.
+        fade = np.clip((np.arange(ROWS) - 40.0) / 8.0, 0.0, 1.0)[:, None]
+        shown = (1.0 - fade) * image + fade * rng.uniform(0.8, 1.2) * level
+        plain.append(np.where(strut, 0.5 * level, shown + noise).astype(np.float32))
+    found = find_body(plain)
+    assert (~found.world)[strut].mean() > 0.8
+    assert (~found.world)[floor].mean() < 0.1
