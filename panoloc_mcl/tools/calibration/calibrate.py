@@ -18,7 +18,7 @@ from panoloc_mcl.tools.calibration.adjustment import Adjustment, Estimated, adju
 from panoloc_mcl.tools.calibration.body import FEWEST_IMAGES, MOST_IMAGES, FoundBody, find_body
 from panoloc_mcl.tools.calibration.drives_scene import DrivesScene, Yardstick
 from panoloc_mcl.tools.calibration.odometry import OBSERVABLE_M, OBSERVABLE_RAD, OBSERVABLE_S, Placement, place_camera
-from panoloc_mcl.tools.calibration.parameters import Parameter, parameters_by_map, parameters_by_references, shown
+from panoloc_mcl.tools.calibration.parameters import Parameter, changed, parameters_by_map, parameters_by_references, shown
 from panoloc_mcl.tools.calibration.references_scene import ReferencesScene
 from panoloc_mcl.tools.datasets import Dataset
 from panoloc_mcl.tools.datasets import Sequence as Drive
@@ -174,12 +174,19 @@ def _seen(camera: AnyCamera, size: tuple[int, int]) -> NDArray[np.bool_] | None:
 
 
 def _take_over(found: Findings, adjustment: Adjustment) -> None:
+    """The values that differ from what is described by more than chance; the others stay as they are."""
     found.adjustment = adjustment
-    found.camera = adjustment.camera
+    told = [one for one in adjustment.estimates if one.observable]
+    differ = [one for one in told if abs(one.value - one.parameter.start) > _SIGNIFICANT * one.sd]
+    values = {one.parameter.name: round(one.value, 5) for one in differ}
+    found.camera = changed(found.camera, [one.parameter for one in differ], values)
     found.estimates += adjustment.estimates
     found.lines.append(
         f"agreement of {adjustment.images} images with views of them: {adjustment.before:.3f} before, {adjustment.after:.3f} after"
     )
+    if len(differ) < len(told):
+        kept = ", ".join(one.parameter.name for one in told if one not in differ)
+        found.lines.append(f"kept as described, within {_SIGNIFICANT:g} standard deviations: {kept}")
     unseen = [one.parameter.name for one in adjustment.estimates if not one.observable]
     if unseen:
         found.lines.append(f"not observable: {', '.join(unseen)}")
