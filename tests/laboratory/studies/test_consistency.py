@@ -1,0 +1,38 @@
+"""The study of claims, on a small room."""
+
+import pytest
+
+from panoloc_mcl.laboratory.studies import consistency
+from panoloc_mcl.laboratory.studies.consistency import Condition, study
+from panoloc_mcl.robot.errors import ConfigError
+from panoloc_mcl.tools.config.model import RunConfig
+
+
+def test_conditions_have_names_of_their_own() -> None:
+    names = [condition.name for condition in consistency.CONDITIONS]
+    assert len(set(names)) == len(names)
+
+
+def test_a_name_that_there_is_not(room) -> None:
+    with pytest.raises(ConfigError, match="no such condition; known: as it is"):
+        study(RunConfig(dataset=str(room)), rows=["as it was"])
+
+
+@pytest.mark.slow
+def test_rows_count_drives_and_images_and_hold_errors_against_claims(room, monkeypatch) -> None:
+    conditions = (
+        Condition("as it is", by_light=True),
+        Condition("standing", standing=5),
+        Condition("tilted", images="lean:1.0"),
+        Condition("poses off", "pose_noise:mild,xy_m=0.05,theta_deg=1", mended=False),
+    )
+    monkeypatch.setattr(consistency, "CONDITIONS", conditions)
+    kept = []
+    report = study(RunConfig(dataset=str(room)), keep=kept.append)
+    (table,) = report.data()["tables"]
+    rows = {row["condition"]: row for row in table["rows"]}
+    assert {"standing", "tilted", "poses off"} < set(rows)
+    assert len(kept) == len(conditions)
+    assert rows["standing"]["images"] == 5 * rows["standing"]["drives"]
+    for row in rows.values():
+        assert row["images"] >= row["drives"] >= 1
