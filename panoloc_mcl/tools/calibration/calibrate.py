@@ -241,7 +241,7 @@ def _weigh(
         weights = np.array([known.sd**-2, sd**-2])
         value, sd = float(np.average([known.value, value], weights=weights)), float(weights.sum() ** -0.5)
     found.estimates.append(_estimate(name, unit, given, value, sd))
-    if abs(value - given) > _SIGNIFICANT * sd or known is not None:
+    if abs(value - given) > _SIGNIFICANT * sd:
         update[key] = round(value, 4)
 
 
