@@ -178,6 +178,17 @@ def test_a_pose_that_odometry_has_left_is_stale_at_once(mode: str, panorama_map:
     assert Reason.POSE_OUTDATED in estimate.reasons
 
 
+@pytest.mark.parametrize("off_deg", [0.0, 60.0, 120.0, 180.0])
+def test_the_baseline_is_not_sure_of_a_wrong_heading(off_deg: float, panorama_map: PanoramaMap, drive) -> None:
+    settings = LocalizerSettings(mode="kalman_orientation", initial="known_heading", initial_heading_error_deg=off_deg)
+    localizer = Localizer(panorama_map, RunConfig(localizer=settings), start_pose=drive.start)
+    for time, pose in drive.odometry:
+        localizer.add_odometry(time, pose)
+    estimates = [localizer.add_image(time, image) for time, image in zip(drive.times, drive.images, strict=True)]
+    sure = [estimate.status is Status.CONVERGED for estimate in estimates[3:]]
+    assert sum(sure) == (len(sure) if off_deg == 0.0 else 0)
+
+
 def test_a_saved_state_remembers_what_did_not_count(panorama_map: PanoramaMap, drive, tmp_path) -> None:
     localizer = started(panorama_map, drive)
     for _ in range(4):

@@ -31,6 +31,9 @@ Float64 = NDArray[np.float64]
 _SD_UNKNOWN = math.pi / math.sqrt(3.0)
 # Steps that are remembered for late images; far more than fall into the odometry that is kept.
 _MOST_STEPS = 1000
+# Where images have far better votes at other headings than around the prediction, it is wrong: of the best votes right predictions
+# keep all but a hundredth on small rendered panoramas, wrong ones a quarter.
+_LEAST_SHARE = 0.6
 
 
 _FORM = "kalman_orientation/2"
@@ -50,6 +53,7 @@ class KalmanMemory(Kept):
     has_converged: bool
     place_votes: float
     match: float
+    share: float
 
 
 @dataclass(frozen=True)
@@ -112,6 +116,8 @@ class KalmanOrientationFilter:
         self._has_converged = False
         self._place_votes = math.nan
         self._match = math.nan
+        # Running share of the best votes at any heading that those around the prediction get: low where the heading is wrong.
+        self._share = math.nan
 
     def propagate(self, motion: Motion) -> None:
         """Predict the heading from odometry."""
@@ -147,6 +153,9 @@ class KalmanOrientationFilter:
         peak = votes.peak
         if offset is None or not self._place_known:
             self._place, self._place_votes, self._place_known = peak.place, peak.votes, True
+        if votes.best_at_any_heading > 0.0:
+            share = peak.votes / votes.best_at_any_heading
+            self._share = share if math.isnan(self._share) else 0.5 * (self._share + share)
         if not votes.gives_heading:
             self._match = math.nan
             return
@@ -232,6 +241,7 @@ class KalmanOrientationFilter:
             has_converged=self._has_converged,
             place_votes=self._place_votes,
             match=self._match,
+            share=self._share,
         )
         return {"steps": steps, "base": np.array(self._base)}, memory.header(_FORM)
 
@@ -252,11 +262,13 @@ class KalmanOrientationFilter:
         self.heading, self.sd_heading, self._clock = memory.heading, memory.sd_heading, memory.clock
         self._key, self._drawn = memory.key, memory.drawn
         self._place, self._place_known, self._has_converged = memory.place, memory.place_known, memory.has_converged
-        self._place_votes, self._match = memory.place_votes, memory.match
+        self._place_votes, self._match, self._share = memory.place_votes, memory.match, memory.share
 
     @property
     def _is_sure(self) -> bool:
-        return self._place_known and math.degrees(self.sd_heading) < self.status_settings.converged_spread_deg
+        narrow = math.degrees(self.sd_heading) < self.status_settings.converged_spread_deg
+        # Not a number where the model does not know: then the filter cannot, either.
+        return self._place_known and narrow and not self._share < _LEAST_SHARE
 
     def state(self) -> FilterState:
         """The reported place with the filtered heading, as one cluster; asking changes nothing."""

@@ -68,6 +68,8 @@ class VoteField:
         The pose that the image gives by itself, when the model refines the best cell.
     confidence : float
         Probability that the best pose (refined, if it is) is right; NaN where the model does not know.
+    best_at_any_heading : float
+        Where only some headings were asked for: the best votes at any; NaN where the model does not know.
     """
 
     votes: Float32
@@ -78,6 +80,7 @@ class VoteField:
     problem: str = ""
     measurement: PoseMeasurement | None = None
     confidence: float = float("nan")
+    best_at_any_heading: float = float("nan")
 
     @property
     def informative(self) -> bool:

@@ -248,7 +248,10 @@ class VotesModel:
         if headings is None:
             field = VoteField(votes, self._headings, self.places, tolerance)
             return self._judged(field if self._refiner is None else self._refined(self._refiner, field, z, mask))
-        return VoteField(at_headings(votes, headings), headings, self.places, tolerance, full_circle=False)
+        best = float(votes.max())
+        return VoteField(
+            at_headings(votes, headings), headings, self.places, tolerance, full_circle=False, best_at_any_heading=best
+        )
 
     def _refined(self, refiner: PoseRefiner, field: VoteField, z: Complex64, mask: NDArray[np.bool_]) -> VoteField:
         """The field with the pose of the best cell, refined.
