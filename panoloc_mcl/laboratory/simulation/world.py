@@ -22,11 +22,13 @@ from panoloc_mcl.laboratory.simulation.renderer import Daylight, LightTransport,
 from panoloc_mcl.laboratory.simulation.sun import light_of
 from panoloc_mcl.robot.errors import OutputError
 from panoloc_mcl.robot.files import cache_folder, read_arrays, write_arrays
+from panoloc_mcl.tools.runs.source import source_digest
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-_REVISION = 2  # raised whenever light maps come out differently
+# What light maps are computed by.
+_LIGHT = tuple(f"laboratory/simulation/{name}.py" for name in ("patches", "renderer", "sun"))
 _PROBE_M = 1.1  # height at which the light on people is measured
 _PROBE_STEP_M = 1.5
 _AXES = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float64)
@@ -216,7 +218,8 @@ class World:
     def _key(self, samples: int) -> str:
         scene, patches = self.building.scene, self.building.patches
         said = {
-            "revision": _REVISION,
+            "code": source_digest(_LIGHT),
+            "probes": (_PROBE_M, _PROBE_STEP_M),
             "site": scene.site.model_dump(mode="json"),
             "windows": scene.window_transmittance,
             "light": scene.lights[self.light].model_dump(mode="json"),
