@@ -35,6 +35,8 @@ from panoloc_mcl.tools.streams import answers, recorded
 
 # Of images of a robot that stands: a good camera's noise, grey levels, and the time between them, seconds.
 _NOISE, _PERIOD_S = 2.0, 0.5
+# Of a drive, so many images that are taken while standing.
+_LOOKS = 80
 
 
 @dataclass(frozen=True)
@@ -199,32 +201,31 @@ def _claims(
 ) -> Iterator[tuple[str, Claims]]:
     """The rows of a condition."""
     groups: dict[str, Claims] = {}
+    recipe = f"{condition.images}+noise:{_NOISE:g}" if condition.standing else condition.images
+    parsed = parse_recipe(recipe.removeprefix("clean+"))
     for drive in drives:
         name = f"{condition.name}, {group_of(drive.name)}" if condition.by_light else condition.name
         claims = groups.setdefault(name, Claims())
-        travelled = _standing(drive, condition.standing) if condition.standing else drive
-        recipe = f"{condition.images}+noise:{_NOISE:g}" if condition.standing else condition.images
-        seen = _Through(
-            model, parse_recipe(recipe.removeprefix("clean+")), (config.seed, zlib.crc32(drive.name.encode())), panorama_map
-        )
-        localizer = Localizer(
-            panorama_map,
-            config,
-            camera=drive.camera,
-            image_size=drive.image_size,
-            seed=(config.seed, zlib.crc32(drive.name.encode())),
-            model=cast(ObservationModel, seen),
-        )
-        assert travelled.groundtruth is not None
-        for _, estimate in answers(localizer, recorded(travelled)):
-            claims.take(drive.name, estimate, travelled.groundtruth.at(estimate.timestamp))
+        seed = (config.seed, zlib.crc32(drive.name.encode()))
+        for number, way in enumerate(_standing(drive, condition.standing) if condition.standing else [drive]):
+            localizer = Localizer(
+                panorama_map,
+                config,
+                camera=drive.camera,
+                image_size=drive.image_size,
+                seed=(*seed, number),
+                model=cast(ObservationModel, _Through(model, parsed, (*seed, number), panorama_map)),
+            )
+            assert way.groundtruth is not None
+            for _, estimate in answers(localizer, recorded(way)):
+                claims.take(drive.name, estimate, way.groundtruth.at(estimate.timestamp))
     yield from groups.items()
 
 
 class _Through:
     """A model that sees images as a recipe has them, each with random numbers of its own."""
 
-    def __init__(self, model: ObservationModel, recipe: Recipe, seed: tuple[int, int], panorama_map: PanoramaMap) -> None:
+    def __init__(self, model: ObservationModel, recipe: Recipe, seed: tuple[int, ...], panorama_map: PanoramaMap) -> None:
         self._model, self._recipe, self._seed, self._count = model, recipe, seed, 0
         self._elevation_deg = panorama_map.geometry.elevation_deg
 
@@ -239,14 +240,16 @@ class _Through:
         return self._model.observe(panorama, headings)
 
 
-def _standing(drive: Drive, images: int) -> Drive:
-    """A robot that stands in the middle of a drive, and looks so many times."""
+def _standing(drive: Drive, images: int) -> Iterator[Drive]:
+    """A robot that stands, and looks so many times: at one place of a drive or, where it does not take long, at several."""
     assert drive.groundtruth is not None
-    middle = len(drive) // 2
-    times = drive.times[middle] + _PERIOD_S * np.arange(images)
-    pose = drive.groundtruth.at(drive.times[middle])
-    standing = Trajectory(times, np.tile(pose, (images, 1)))
-    return replace(drive, times=times, files=(drive.files[middle],) * images, odometry=standing, groundtruth=standing)
+    places = max(1, _LOOKS // images)
+    for place in range(places):
+        index = (2 * place + 1) * len(drive) // (2 * places)
+        times = drive.times[index] + _PERIOD_S * np.arange(images)
+        pose = drive.groundtruth.at(drive.times[index])
+        standing = Trajectory(times, np.tile(pose, (images, 1)))
+        yield replace(drive, times=times, files=(drive.files[index],) * images, odometry=standing, groundtruth=standing)
 
 
 def _off(pose: FloatArray, truth: FloatArray) -> FloatArray:
