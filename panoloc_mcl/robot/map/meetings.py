@@ -68,15 +68,27 @@ def meeting(
     panorama = np.column_stack([poses[:, :2], wrap_angle(poses[:, 2] - headings)])
     there = compose(panorama[first], measured.relative[good])
     there[:, 2] = wrap_angle(there[:, 2] + headings[second])
-    motions = compose(there, inverse(poses[second]))
-    votes, members = _votes(motions, there, poses[second])
+    motion = agreed_motion(there, poses[second])
+    return None if motion is None else compose(motion, poses[mine])
+
+
+def agreed_motion(there: Float64, here: Float64) -> Float64 | None:
+    """The rigid motion (3,) that most poses agree on; None if too few do, or others agree on another one.
+
+    Parameters
+    ----------
+    there, here : float64 (m, 3)
+        The same poses in both frames; many of them may be wrong.
+    """
+    motions = compose(there, inverse(here))
+    votes, members = _votes(motions, there, here)
     best = int(np.argmax(votes))
     agreed = members[best]
     others = [votes[k] for k in range(len(motions)) if not agreed[k]]
-    spread = np.ptp(poses[second[agreed]][:, :2], axis=0).max()
+    spread = np.ptp(here[agreed][:, :2], axis=0).max()
     if votes[best] < _FEWEST or votes[best] < _LEAD * max(others, default=0) or spread < _SPREAD_M:
         return None
-    return compose(_mean(motions[agreed]), poses[mine])
+    return _mean(motions[agreed])
 
 
 def _votes(motions: Float64, there: Float64, here: Float64) -> tuple[list[int], list[NDArray[np.bool_]]]:

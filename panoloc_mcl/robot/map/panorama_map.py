@@ -167,6 +167,14 @@ class PanoramaMap:
         made = (observation, seed, model.arrays(), mended.keyframes, notes)
         return cls(name, references, source.camera, source.image_size, *made)
 
+    def with_keyframes(
+        self, references: ReferencePanoramas, keyframes: Keyframes, progress: Progress = no_progress
+    ) -> PanoramaMap:
+        """The map made anew of other keyframes, with the same camera and settings."""
+        with threadpool_limits(1, user_api="blas"):
+            model = model_named(self.observation.model).build(references, self.observation.selected, self.seed, progress)
+        return replace(self, references=references, keyframes=keyframes, arrays=model.arrays(), notes=model.notes)
+
     @property
     def places(self) -> Places:
         """Where the references were taken."""

@@ -39,6 +39,9 @@ class MapSettings(StrictModel):
     keyframe_distance_m: Positive = Field(
         0.25, le=10.0, description="Of a drive, an image becomes a keyframe this far from the last one, m."
     )
+    most_keyframes: Annotated[int, Field(ge=2, le=100_000)] = Field(
+        1000, description="Keyframes that a map holds at most when `panoloc update-map` adds some."
+    )
 
     @model_validator(mode="before")
     @classmethod

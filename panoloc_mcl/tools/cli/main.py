@@ -24,6 +24,7 @@ _COMMANDS = (
     "laboratory.cli.corrupt",
     "tools.cli.build_map",
     "tools.cli.calibrate",
+    "tools.cli.update_map",
     "tools.cli.export",
     "laboratory.cli.compare",
     "laboratory.cli.study",

@@ -1,0 +1,57 @@
+"""Maps that live on, in the small room: a map of one half of it learns the other."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from panoloc_mcl.robot.geometry import angle_difference, compose
+from panoloc_mcl.robot.map.meetings import agreed_motion
+from panoloc_mcl.robot.map.panorama_map import PanoramaMap
+from panoloc_mcl.robot.map.updating import update_map
+from panoloc_mcl.robot.settings.map import MapSettings
+from panoloc_mcl.tools.datasets import Dataset
+from panoloc_mcl.tools.runs.map_drives import drives_of
+
+
+def test_the_motion_that_most_agree_on_is_found_among_wrong_ones():
+    rng = np.random.default_rng(0)
+    here = np.column_stack([np.linspace(0.0, 6.0, 20), rng.uniform(-1.0, 1.0, 20), rng.uniform(-3.0, 3.0, 20)])
+    motion = np.array([2.0, -3.0, 1.2])
+    there = compose(motion, here) + rng.normal(0.0, 0.02, (20, 3))
+    wrong = rng.permutation(20)[:8]
+    there[wrong] += rng.uniform(1.0, 3.0, (8, 3))
+    found = agreed_motion(there, here)
+    assert found is not None
+    assert np.hypot(*(found - motion)[:2]) < 0.2
+    assert abs(float(angle_difference(found[2], motion[2]))) < 0.05
+
+
+def test_two_motions_that_as_many_agree_on_are_none():
+    # A corridor that looks the same from both ends.
+    here = np.column_stack([np.linspace(0.0, 6.0, 12), np.zeros(12), np.zeros(12)])
+    there = here.copy()
+    there[6:] = compose(np.array([6.0, 0.0, np.pi]), here[6:])
+    assert agreed_motion(there, here) is None
+
+
+def test_poses_of_one_place_say_nothing():
+    here = np.zeros((10, 3))
+    assert agreed_motion(here + 1.0, here) is None
+
+
+@pytest.mark.slow
+def test_a_map_learns_what_it_has_not_seen_or_stays_as_it_is(small_room: Dataset):
+    references = small_room.references
+    near = np.flatnonzero(references.poses[:, 0] < 2.5)
+    half = PanoramaMap.build(replace(small_room, references=references.of(near)), settings=MapSettings(file=None, mend=False))
+    drives, _ = drives_of(small_room, ["*"])
+    done = update_map(half, drives, MapSettings(file=None))
+    assert len(done.notes) >= 1
+    assert done.notes[-1].startswith(f"drive {drives[0].name}: ")
+    if done.changed:
+        assert "keyframes added" in done.notes[-1]
+        assert len(done.panorama_map.references) == len(done.panorama_map.keyframes)
+        assert set(done.panorama_map.keyframes.drives) == {"", drives[0].name}
+    else:
+        assert done.panorama_map is half
