@@ -19,6 +19,8 @@ _HEADER = "# timestamp tx ty tz qx qy qz qw"
 _UNIT_TOLERANCE = 1e-3
 _MOST_FAULTS = 20
 _HOLE_S, _SAME_TIME_S = 2.0, 1e-3
+# Cosine of the tilt that no driving robot has for half of the time.
+_LEAST_UPWARD = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +119,9 @@ def read_tum(path: Path) -> Trajectory:
         raise DatasetError(faults[:_MOST_FAULTS] + ([f"{path}: and {more} more faulty lines like these"] if more > 0 else []))
     table = np.asarray(rows, dtype=np.float64)
     norm = np.linalg.norm(table[:, 4:], axis=1, keepdims=True)
+    lying = _lying(table[:, 4:] / norm)
+    if lying:
+        raise DatasetError(f"{path}: {lying}")
     yaw = yaw_from_quaternion(*(table[:, 4:] / norm).T)
     return Trajectory(table[:, 0], np.column_stack([table[:, 1:3], yaw]))
 
@@ -140,6 +145,25 @@ def _parsed(fields: list[str], where: str, faults: list[str]) -> list[float] | N
         faults.append(f"{where}: quaternion has length {norm:.6g}; must be 1: normalise it, order qx qy qz qw")
         return None
     return row
+
+
+def _lying(quaternions: FloatArray) -> str:
+    """What is wrong with rotations (n, 4) that lay a robot on its side or on its head; empty for those of a robot that drives."""
+    if float(np.median(_upward(quaternions))) > _LEAST_UPWARD:
+        return ""
+    if float(np.median(_upward(quaternions[:, [1, 2, 3, 0]]))) > _LEAST_UPWARD:
+        return "quaternions fit with w first; write them as qx qy qz qw"
+    # Downward part of the y axis, which is the whole of it for a camera that looks level along its z axis.
+    x, y, z, w = quaternions.T
+    if float(np.median(-2.0 * (y * z + w * x))) > _LEAST_UPWARD:
+        return "rotations fit as those of a camera's optical axes (z ahead, y down); write those of the robot (x ahead, z up)"
+    return "rotations lay the robot on its side; write the turn about z, which points up"
+
+
+def _upward(quaternions: FloatArray) -> FloatArray:
+    """Upward part of the robot's z axis, (n,)."""
+    x, y, _, _ = quaternions.T
+    return np.asarray(1.0 - 2.0 * (x * x + y * y))
 
 
 def _is_number(text: str) -> bool:
