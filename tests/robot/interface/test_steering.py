@@ -4,6 +4,7 @@ import time
 import numpy as np
 import pytest
 
+from panoloc_mcl.robot.camera import Mount
 from panoloc_mcl.robot.errors import ImageError, MapError, MeasurementError
 from panoloc_mcl.robot.filters import Status
 from panoloc_mcl.robot.geometry import angle_difference, compose
@@ -14,7 +15,7 @@ from panoloc_mcl.robot.settings.config import LocalizerConfig
 from panoloc_mcl.robot.settings.localizer import LocalizerSettings
 from panoloc_mcl.tools.datasets import Dataset
 from panoloc_mcl.tools.datasets import Sequence as Drive
-from panoloc_mcl.tools.streams import Image, answers, recorded
+from panoloc_mcl.tools.streams import Image, Odometry, answers, recorded
 
 
 @pytest.fixture(scope="module")
@@ -222,3 +223,25 @@ def test_images_and_odometry_may_come_from_two_threads(panorama_map: PanoramaMap
     assert not failures
     assert all(np.isfinite(estimate.pose).all() for estimate in estimates)
     assert localizer.counts["images"] == len(drive)
+
+
+def test_with_a_camera_off_the_centre_all_poses_are_the_bases(panorama_map: PanoramaMap, drive: Drive) -> None:
+    mount = Mount(x_m=0.3, y_m=-0.2)
+    localizer = Localizer(panorama_map, camera=drive.camera.model_copy(update={"mount": mount}), image_size=drive.image_size)
+    # The robot whose camera drives as the recorded one did.
+    for message in recorded(drive):
+        if isinstance(message, Odometry):
+            localizer.add_odometry(message.timestamp, mount.base_poses(message.pose))
+        elif isinstance(message, Image):
+            estimate = localizer.add_image(message.timestamp, message.pixels())
+    true = mount.base_poses(drive.groundtruth.at(estimate.timestamp))
+    assert off(estimate.pose, true)[0] < 0.5
+    now = localizer.pose_at(estimate.timestamp)
+    assert now.pose == pytest.approx(estimate.pose)
+    assert now.covariance == pytest.approx(estimate.covariance)
+    frame = localizer.odometry_to_map(estimate.timestamp)
+    assert compose(frame.pose, localizer.driven(estimate.timestamp)) == pytest.approx(estimate.pose)
+    image = next(message for message in recorded(drive) if isinstance(message, Image)).pixels()
+    assert off(localizer.locate(image).pose, mount.base_poses(drive.groundtruth.poses[0]))[0] < 0.5
+    localizer.set_pose((1.0, 2.0, 0.5), np.diag([1e-6, 1e-6, 1e-6]))
+    assert localizer.pose_at().pose == pytest.approx([1.0, 2.0, 0.5], abs=0.01)
