@@ -42,6 +42,11 @@ def test_every_command_exists(command):
     assert command in {known.name for known in commands()}
 
 
+def test_every_command_is_in_the_reference():
+    reference = PAGES[ROOT / "docs" / "reference" / "commands.md"]
+    assert [known.name for known in commands() if f"| `panoloc {known.name}" not in reference] == []
+
+
 @pytest.mark.parametrize("path", found(r"(?:docs|scripts|configs)/[A-Za-z_/-]+\.[a-z]+"))
 def test_every_file_exists(path):
     assert (ROOT / path).is_file()
