@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import os
-import platform
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -30,6 +27,7 @@ from panoloc_mcl.tools.evaluation import SequenceRecord, evaluate
 from panoloc_mcl.tools.report import FrameRecorder, ResultsWriter, render_report, render_summary
 from panoloc_mcl.tools.report.results.steps import COVARIANCE
 from panoloc_mcl.tools.report.sinks import Departure, Frame, NullSink, Scene, Sink, Sinks
+from panoloc_mcl.tools.runs.info import run_info
 from panoloc_mcl.tools.runs.map_cache import cached_map
 from panoloc_mcl.tools.streams import answers, recorded
 
@@ -325,38 +323,3 @@ def step_row(estimate: Estimate) -> dict[str, Any]:
         "injected": state.injected,
         **{f"ms_{stage}": spent for stage, spent in estimate.stage_ms.items()},
     }
-
-
-def run_info(config: RunConfig, dataset: Dataset, command: Sequence[str]) -> dict[str, Any]:
-    """What ``run.json`` says of how a run came about."""
-    return {
-        "name": config.name,
-        "dataset": dataset.name,
-        "mode": config.localizer.mode,
-        "model": config.observation.model,
-        "initial": config.model_dump(mode="json")["localizer"]["initial"],
-        "seed": config.seed,
-        "runs": config.runs,
-        "sequences": config.sequences,
-        "kidnap_every_frames": config.kidnap.every_frames or None,
-        "command": list(command),
-        "started": datetime.now().isoformat(timespec="seconds"),
-        "machine": {"system": platform.system(), "processor": platform.machine(), "cores": os.cpu_count()},
-        "threads": _threads(),
-        "versions": {"python": platform.python_version()} | {name: _version(name) for name in _REPORTED},
-    }
-
-
-def _threads() -> int:
-    asked = os.environ.get("NUMBA_NUM_THREADS", "")
-    return int(asked) if asked.isdigit() else os.cpu_count() or 1
-
-
-_REPORTED = ("panoloc-mcl", "numpy", "scipy", "numba", "opencv-python-headless")
-
-
-def _version(distribution: str) -> str:
-    try:
-        return version(distribution)
-    except PackageNotFoundError:
-        return "not installed"

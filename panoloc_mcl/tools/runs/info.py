@@ -1,0 +1,48 @@
+"""What ``run.json`` says of a run: by which program, on which machine, with which settings."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Sequence
+from datetime import datetime
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+from panoloc_mcl.tools.config import RunConfig
+from panoloc_mcl.tools.datasets import Dataset
+
+
+def run_info(config: RunConfig, dataset: Dataset, command: Sequence[str]) -> dict[str, Any]:
+    """What ``run.json`` says of how a run came about."""
+    return {
+        "name": config.name,
+        "dataset": dataset.name,
+        "mode": config.localizer.mode,
+        "model": config.observation.model,
+        "initial": config.model_dump(mode="json")["localizer"]["initial"],
+        "seed": config.seed,
+        "runs": config.runs,
+        "sequences": config.sequences,
+        "kidnap_every_frames": config.kidnap.every_frames or None,
+        "command": list(command),
+        "started": datetime.now().isoformat(timespec="seconds"),
+        "machine": {"system": platform.system(), "processor": platform.machine(), "cores": os.cpu_count()},
+        "threads": _threads(),
+        "versions": {"python": platform.python_version()} | {name: _version(name) for name in _REPORTED},
+    }
+
+
+def _threads() -> int:
+    asked = os.environ.get("NUMBA_NUM_THREADS", "")
+    return int(asked) if asked.isdigit() else os.cpu_count() or 1
+
+
+_REPORTED = ("panoloc-mcl", "numpy", "scipy", "numba", "opencv-python-headless")
+
+
+def _version(distribution: str) -> str:
+    try:
+        return version(distribution)
+    except PackageNotFoundError:
+        return "not installed"
