@@ -61,9 +61,9 @@ def draw_graph_on(axes: Axes, keyframes: Keyframes) -> None:
             facecolors="none",
             edgecolors=BLUE,
             linewidths=0.6,
-            label="3 standard deviations",
         )
     )
+    axes.plot([], [], "o", color=BLUE, fillstyle="none", label="3 standard deviations")
     axes.plot(*positions.T, ".", color=BLUE, markersize=4, label="keyframe")
     ahead = 0.12 * np.column_stack([np.cos(keyframes.poses[:, 2]), np.sin(keyframes.poses[:, 2])])
     axes.add_collection(LineCollection(list(np.stack([positions, positions + ahead], axis=1)), colors=BLUE, linewidths=0.8))
