@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from panoloc_mcl.robot.camera import Camera, Unwrapper
 from panoloc_mcl.robot.errors import ImageError
 from panoloc_mcl.robot.filters import Estimate, Status
+from panoloc_mcl.robot.filters.estimate import Cluster
 from panoloc_mcl.robot.interface.messages import Image, Message, Odometry
 from panoloc_mcl.robot.interface.saved_state import SavedState
 from panoloc_mcl.robot.interface.starting import make_filter, start_of
@@ -22,10 +23,13 @@ from panoloc_mcl.robot.locks import Lock, locked
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.motion import Anchor, ImageClock, Motion, OdometryBuffer, blind, planar_pose, seconds
 from panoloc_mcl.robot.observation import ObservationModel, Places, VoteField
-from panoloc_mcl.robot.observation.field import silent_field
+from panoloc_mcl.robot.observation.field import Guess, silent_field
 from panoloc_mcl.robot.reasons import Finding, Reason
 from panoloc_mcl.robot.settings.config import LocalizerConfig
 from panoloc_mcl.robot.single_blas import one_blas_thread
+
+# Until the pose is known, an image may know more of it than the belief.
+_UNDECIDED = (Status.SEARCHING, Status.AMBIGUOUS)
 
 
 class Localizer(SavedState):
@@ -177,7 +181,7 @@ class Localizer(SavedState):
                 self._filter.update(votes, offset)
             self._clock.fuse(timestamp)
             self._forced = False
-            return self._estimate([set_back, note, found], votes, stage_ms)
+            return self._estimate([set_back, note, found], votes, stage_ms, late=offset is not None)
 
     @property
     def particles(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -256,7 +260,9 @@ class Localizer(SavedState):
         self._sightings.left_out(reason)
         return votes, Finding(votes.problem, reason)
 
-    def _estimate(self, findings: list[Finding], votes: VoteField | None, stage_ms: dict[str, float]) -> Estimate:
+    def _estimate(
+        self, findings: list[Finding], votes: VoteField | None, stage_ms: dict[str, float], late: bool = False
+    ) -> Estimate:
         with _timed(stage_ms, "estimate"):
             of_camera = self._filter.state()
             state = of_camera.of_point(-self._mount.offset)
@@ -270,9 +276,13 @@ class Localizer(SavedState):
             self._anchor = Anchor(now, of_camera.clusters[0].pose, of_camera.clusters[0].covariance), status
         found = [finding for finding in (*findings, *self._news_of_odometry(), doubt) if finding]
         reasons = dict.fromkeys(finding.reason for finding in found if finding.reason is not None)
+        guess = None if votes is None else self._guess(votes)
+        pose = best.pose
+        if guess is not None and not late and status in _UNDECIDED and _tells_more(guess, best, first=self._images == 1):
+            pose = guess.pose
         return Estimate(
             timestamp=math.nan if now is None else now,
-            pose=best.pose,
+            pose=pose,
             covariance=best.covariance,
             status=status,
             message="; ".join(found),
@@ -280,7 +290,13 @@ class Localizer(SavedState):
             vote_field=votes,
             stage_ms=stage_ms,
             reasons=tuple(reasons),
+            best_guess=guess,
         )
+
+    def _guess(self, votes: VoteField) -> Guess | None:
+        """What the image says by itself, about the base."""
+        guess = votes.guess
+        return None if guess is None else replace(guess, pose=self._mount.base_poses(guess.pose))
 
     def _news_of_odometry(self) -> Iterator[Finding]:
         """What odometry was left out since the last answer, and what else befell it."""
@@ -305,3 +321,9 @@ def _timed(stage_ms: dict[str, float], stage: str) -> Iterator[None]:
         yield
     finally:
         stage_ms[stage] = 1e3 * (time.perf_counter() - begin)
+
+
+def _tells_more(guess: Guess, best: Cluster, first: bool) -> bool:
+    """Whether an image points elsewhere than the heaviest hypothesis, and more surely; of a first image all rests on it alone."""
+    away = math.hypot(*(guess.pose - best.pose)[:2]) > 2.0 * best.spread_m
+    return away and (first or guess.probability > best.mass)

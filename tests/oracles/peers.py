@@ -125,3 +125,24 @@ def fourier_signature(images, image, frequencies):
         difference = np.angle(mine) - np.angle(theirs[:, :, 1:])
         agreement[heading] = (np.abs(mine) * np.abs(theirs[:, :, 1:]) * np.cos(difference)).sum(axis=(1, 2))
     return similarity, agreement
+
+
+def nearest_reference(images, image, floor):
+    """Cosines of normalised gradients, every turn by hand."""
+
+    def gradients(grey):
+        z = np.zeros(grey.shape, dtype=complex)
+        for row in range(1, grey.shape[0] - 1):
+            for column in range(grey.shape[1]):
+                across = grey[row, (column + 1) % grey.shape[1]] - grey[row, column - 1]
+                z[row, column] = 0.5 * (across + 1j * (grey[row + 1, column] - grey[row - 1, column]))
+        return z / (np.abs(z) + floor)
+
+    places = [gradients(one.astype(float)) for one in images]
+    votes = np.zeros((image.shape[1], len(images)))
+    for heading, turned in enumerate(turned_back(image)):
+        mine = gradients(turned)
+        for place, theirs in enumerate(places):
+            cosine = (mine.conj() * theirs).sum().real / (np.linalg.norm(mine) * np.linalg.norm(theirs))
+            votes[heading, place] = max(0.0, cosine)
+    return votes

@@ -16,6 +16,7 @@ from panoloc_mcl.laboratory.peers.settings import (
     EigenspaceSettings,
     FourierSignatureSettings,
     LeastSquaresSettings,
+    NearestReferenceSettings,
     OrientationCorrelationSettings,
     SpinningSettings,
     ZeroPhaseSettings,
@@ -39,6 +40,7 @@ Settings = TypeVar(
     SpinningSettings,
     ZeroPhaseSettings,
     OrientationCorrelationSettings,
+    NearestReferenceSettings,
 )
 
 # Grey levels at or beyond which a pixel is black or saturated, the least share of others, and the least contrast.

@@ -82,6 +82,15 @@ class OrientationCorrelationSettings(StrictModel):
     tolerance: Positive = Field(0.25, le=100.0, description=_TOLERANCE)
 
 
+class NearestReferenceSettings(StrictModel):
+    """Nearest reference: circular correlation of normalised gradients with every reference, and nothing else."""
+
+    contrast_floor: Positive = Field(
+        4.0, le=255.0, description="Gradients well below this many grey levels per pixel count little (the c of z / (|z| + c))."
+    )
+    tolerance: Positive = Field(0.05, le=100.0, description=_TOLERANCE)
+
+
 class PaperSettings(StrictModel):
     """The voting of Steinbauer & Bischof (2004), sections 2 and 3.2, as printed."""
 

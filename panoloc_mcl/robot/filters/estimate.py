@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.robot.geometry import compose
-from panoloc_mcl.robot.observation.field import VoteField
+from panoloc_mcl.robot.observation.field import Guess, VoteField
 from panoloc_mcl.robot.reasons import Reason
 
 Float64 = NDArray[np.float64]
@@ -120,9 +120,10 @@ class Estimate:
     timestamp : float
         Of the belief: that of the newest image, seconds.
     pose : float64 (3,)
-        (x, y, heading) in the map frame at that time, metres and radians: the mean of the heaviest cluster, never of two.
+        (x, y, heading) in the map frame at that time, metres and radians: the mean of the heaviest cluster, never of two. While
+        searching or ambiguous, ``best_guess`` instead, where it is more probable than that cluster.
     covariance : float64 (3, 3)
-        Of the same cluster.
+        Of the heaviest cluster.
     status : Status
     message : str
         What was wrong with this image or with odometry since the last one; empty when nothing was.
@@ -134,6 +135,8 @@ class Estimate:
         What the image said; None when its time stamp could not be used.
     stage_ms : dict
         Milliseconds of each stage, in order.
+    best_guess : Guess or None
+        What the image says by itself: the best cell's pose at the image's time, and its probability; None when it says nothing.
     """
 
     timestamp: float
@@ -145,6 +148,7 @@ class Estimate:
     vote_field: VoteField | None
     stage_ms: dict[str, float] = field(default_factory=dict)
     reasons: tuple[Reason, ...] = ()
+    best_guess: Guess | None = None
 
     @property
     def clusters(self) -> tuple[Cluster, ...]:

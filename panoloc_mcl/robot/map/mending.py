@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from panoloc_mcl.robot.geometry import angle_difference, compose, wrap_angle
+from panoloc_mcl.robot.geometry import angle_difference, between, compose, wrap_angle
 from panoloc_mcl.robot.map.keyframes import Edges, Keyframes
 from panoloc_mcl.robot.map.pairs import PairMeasurements, measure_pairs, neighbour_pairs
 from panoloc_mcl.robot.map.pose_graph import Priors, Solution, solve
@@ -37,6 +37,9 @@ _LEAST_SHARE = 0.6
 _LEAST_SD_M, _LEAST_SD_RAD = 0.003, np.radians(0.05)
 # A weight from which on an edge supports its ends, and a given pose is borne out.
 _SUPPORTS, _BORNE_OUT = 0.5, 0.1
+# Relative poses that miss each other by more than this share of the way round a triangle cannot mend anything: walls and a floor do not
+# describe the place, or its images are too coarse. Rendered halls and offices close to .01, images of a wood to .3.
+_LEAST_CLOSURE = 0.1
 # Nothing moves any more: of all keyframes this share moved less than that since the round before.
 _STILL_SHARE, _STILL_M, _STILL_RAD = 0.9, 0.003, np.radians(0.05)
 # An image that is found this near to its given pose was never lost.
@@ -130,6 +133,8 @@ class _Mending:
         for number in range(self.settings.rounds):
             before = self.poses.copy()
             solution, synthesizer, sufficient = self._round(near=number > 0)
+            if number == 0 and closure_error(self.edges) > _LEAST_CLOSURE:
+                return self._given("poses not mended: what images tell of relative poses here does not close round triangles")
             lost = self._unsupported(solution)
             moved_anew = self._relocate(lost, synthesizer, sufficient)
             exact = self._is_exact(solution)
@@ -140,6 +145,11 @@ class _Mending:
                 self.panoramas = read_references(self.source.moved_to(self.poses))
         self._judge_unfitting(lost, moved_anew)
         return self._result()
+
+    def _given(self, why: str) -> Mended:
+        """Everything as it was."""
+        keyframes = Keyframes.surveyed(self.panoramas.names, self.source.standpoints, self.source.sds)
+        return Mended(self.source, self.panoramas, keyframes, (why,))
 
     def _round(self, near: bool) -> tuple[Solution, ViewSynthesizer, float]:
         """Depths, relative poses and the graph at the poses reached; also the agreement that is sufficient."""
@@ -246,6 +256,24 @@ class _Mending:
         ).of(kept)
         mended = source.moved_to(self.poses).of(kept)
         return Mended(mended, read_references(mended), keyframes, tuple(_notes(keyframes)))
+
+
+def closure_error(edges: Edges) -> float:
+    """By how much relative poses miss their start round a triangle, in the median, as a share of their usual length; 0 without any."""
+    found = {(int(i), int(j)): pose for i, j, pose in zip(edges.first, edges.second, edges.measured, strict=True)}
+    found |= {(j, i): between(pose, np.zeros(3)) for (i, j), pose in found.items()}
+    ends: dict[int, set[int]] = {}
+    for first, second in found:
+        ends.setdefault(first, set()).add(second)
+    misses = [
+        float(np.hypot(*compose(compose(found[i, j], found[j, k]), found[k, i])[:2]))
+        for i in sorted(ends)
+        for j in sorted(ends[i])
+        for k in sorted(ends[i] & ends[j])
+        if i < j < k
+    ]
+    length = float(np.median(np.hypot(*edges.measured[:, :2].T))) if misses else 0.0
+    return float(np.median(misses)) / length if length > 0.0 else 0.0
 
 
 def robot_edges(measured: PairMeasurements, headings: Float64, sufficient: float) -> Edges:

@@ -41,16 +41,25 @@ _OCCLUDED: Disturb = partial(bars, share=0.6)
 CONDITIONS: tuple[Disturb | None, ...] = (None, _OCCLUDED, _dark_and_noisy, spatial_light, partial(blobs, share=0.4))
 #: And upside down, which was taken nowhere; the second and later ones mirrored, too, so that they are not the same image again.
 NOWHERE: tuple[Disturb | None, ...] = (_OCCLUDED, None, _dark_and_noisy, spatial_light)
-# A pose is right within a quarter of the references' spacing, and never beyond these, metres; and within an angle.
-_RIGHT_IN_SPACINGS, _LEAST_RIGHT_M, _MOST_RIGHT_M = 0.25, 0.1, 1.0
+# A pose is right within a quarter of the references' spacing, and never beyond these, metres; and within an angle. Nearer than the
+# first, the definition of success, it is not a question of right or wrong, but of its covariance: references have errors themselves.
+_RIGHT_IN_SPACINGS, _LEAST_RIGHT_M, _MOST_RIGHT_M = 0.25, 0.5, 1.0
 _RIGHT_WITHIN = np.radians(10.0)
 #: How often the best pose of an image is wrong, before it is seen: one image in three is of nowhere, or hidden, or found astray.
 WRONG_SHARE = 1.0 / 3.0
 # References so near to those that are judged do not teach: they see the same.
 _NEIGHBOURS_IN_SPACINGS, _FEWEST_TEACHERS = 1.5, 4
+# Tolerances that are tried, as a share of the best votes.
+_TOLERANCES = np.geomspace(0.01, 1.0, 41)
 # Weights of the regression stay small where a few images say little.
 _RIDGE = 0.003
 _BINS = 10
+# Cells of a field that stand for all, closer to each other near the best, and how many each stands for.
+_RANKS = (np.arange(256) + 0.5) / 256
+_QUANTILES, _STANDS_FOR = 1.0 - np.square(_RANKS), 2.0 * _RANKS / len(_RANKS)
+_OUTLIERS = 0.1
+# Less information than this about a pose, nats, is none.
+_TELLING = 0.1
 
 
 class HeldOut(Protocol):
@@ -122,7 +131,9 @@ class _Trial:
     refined_evidence: Float64 | None
     field_right: bool
     refined_right: bool
+    upright: bool
     shortfall: float
+    shortfalls: Float64
 
 
 def calibrate(
@@ -154,21 +165,8 @@ def calibrate(
     Calibration or None
         None where there is nothing to learn from: fewer than two references, or none that is found again.
     """
-    if len(references) < 2 or most_references < 2:
-        return None
-    chosen = np.unique(np.linspace(0, len(references) - 1, most_references).round().astype(np.int64))
-
+    trials = _all_trials(held_out, references, most_references, progress, threads)
     spacing = usual_spacing(references.positions)
-    within = right_within(references)
-
-    def tried(index: np.int64) -> list[_Trial]:
-        return _trials(held_out(int(index)), references, int(index), within)
-
-    trials: list[_Trial] = []
-    with ThreadPoolExecutor(max_workers=threads) as pool:
-        for done, some in enumerate(pool.map(tried, chosen)):
-            trials += some
-            progress(done + 1, len(chosen), "calibration")
     if not trials or not any(trial.field_right for trial in trials):
         return None
     positions = references.positions[[trial.reference for trial in trials]]
@@ -196,6 +194,66 @@ def calibrate(
 def right_within(references: ReferencePanoramas) -> float:
     """How far a pose in a map may be off and still be right, metres: what references farther apart tell is coarser."""
     return float(np.clip(_RIGHT_IN_SPACINGS * usual_spacing(references.positions), _LEAST_RIGHT_M, _MOST_RIGHT_M))
+
+
+def learn_tolerance(
+    held_out: Callable[[int], HeldOut],
+    references: ReferencePanoramas,
+    most_references: int,
+    progress: Progress = no_progress,
+    threads: int = 1,
+) -> float | None:
+    """The tolerance of a field whose places are the references (parameters as in `calibrate`).
+
+    Held out, a reference is twice as far from the next place as a robot is at most, so how sure the best cell is cannot be learnt from
+    it; but how far the votes of right and wrong cells lie apart can. None where these images tell nothing.
+    """
+    trials = [trial for trial in _all_trials(held_out, references, most_references, progress, threads) if trial.upright]
+    if not trials:
+        return None
+    return most_likely_tolerance(
+        np.array([trial.shortfall for trial in trials]), np.array([trial.shortfalls for trial in trials])
+    )
+
+
+def _all_trials(
+    held_out: Callable[[int], HeldOut], references: ReferencePanoramas, most_references: int, progress: Progress, threads: int
+) -> list[_Trial]:
+    """What models without one reference each make of its images; of references spread evenly over all."""
+    if len(references) < 2 or most_references < 2:
+        return []
+    chosen = np.unique(np.linspace(0, len(references) - 1, most_references).round().astype(np.int64))
+
+    within = right_within(references)
+
+    def tried(index: np.int64) -> list[_Trial]:
+        return _trials(held_out(int(index)), references, int(index), within)
+
+    trials: list[_Trial] = []
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        for done, some in enumerate(pool.map(tried, chosen)):
+            trials += some
+            progress(done + 1, len(chosen), "calibration")
+    return trials
+
+
+def most_likely_tolerance(shortfalls: Float64, of_map: Float64) -> float | None:
+    """The tolerance that gives true poses the highest likelihood relative to its mean over the map; None where none gives more than 1.
+
+    Parameters
+    ----------
+    shortfalls : float64 (n,)
+        By how much the votes at the true pose of each image fall short of the best ones, as a share of these.
+    of_map : float64 (n, 256)
+        The same of cells all over the map, at `_QUANTILES` of the votes.
+    """
+    losses = []
+    for tolerance in _TOLERANCES:
+        true = np.exp(-0.5 * np.square(shortfalls / tolerance))
+        mean = np.exp(-0.5 * np.square(of_map / tolerance)) @ _STANDS_FOR
+        # An image in ten may be wrong about everything: it must not make all others cautious.
+        losses.append(-np.log(_OUTLIERS + (1.0 - _OUTLIERS) * true / np.maximum(mean, 1e-9)).mean())
+    return float(_TOLERANCES[int(np.argmin(losses))]) if min(losses) < -_TELLING else None
 
 
 def _trials(model: HeldOut, references: ReferencePanoramas, index: int, within: float) -> list[_Trial]:
@@ -230,7 +288,9 @@ def _trials(model: HeldOut, references: ReferencePanoramas, index: int, within: 
                 None if measured is None else evidence(field),
                 right,
                 refined_right,
+                not upside_down,
                 max(0.0, 1.0 - field.votes_at(pose) / best),
+                np.asarray(1.0 - np.quantile(field.votes, _QUANTILES) / best, dtype=np.float64),
             )
         )
     return trials

@@ -45,6 +45,23 @@ class Peak:
 
 
 @dataclass(frozen=True, eq=False)
+class Guess:
+    """What one image says by itself.
+
+    Parameters
+    ----------
+    pose : float64 (3,)
+        x, y, heading of the best cell, refined where the model refines; metres and radians. Heading 0 where the image gives none.
+    probability : float
+        That the pose is right: calibrated by held-out references, or, where the model knows no doubt, the share of the likelihood that
+        lies around the best cell.
+    """
+
+    pose: Float64
+    probability: float
+
+
+@dataclass(frozen=True, eq=False)
 class VoteField:
     """Votes over headings and places.
 
@@ -201,6 +218,20 @@ class VoteField:
         # Top of the parabola through the three headings around the best.
         offset = 0.5 * (before - after) / curvature if curvature < 0.0 else 0.0
         return float(wrap_angle(heading + offset * 2.0 * np.pi / count))
+
+    @property
+    def guess(self) -> Guess | None:
+        """The best pose by the image alone, also where it fits nowhere; None where it says nothing or not all headings were asked."""
+        if not self.full_circle or not self.peak.votes > 0.0:
+            return None
+        pose = self.best_pose if self.measurement is None else self.measurement.pose
+        return Guess(pose, self._share_of_best if np.isnan(self.confidence) else self.confidence)
+
+    @property
+    def _share_of_best(self) -> float:
+        likelihood = self.likelihood(self.votes.ravel()).reshape(self.votes.shape)
+        row, place = divmod(int(np.argmax(self.votes)), self.votes.shape[1])
+        return float(likelihood[self._around(row, place)].sum() / likelihood.sum())
 
     def with_measurement(self, measurement: PoseMeasurement | None) -> VoteField:
         """The same field with the pose that the image gives by itself."""

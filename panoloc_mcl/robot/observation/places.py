@@ -40,10 +40,14 @@ class Places:
         Metres, map frame.
     references : float64 (n, 2), optional
         Where the references were taken, when the places are others: a report names a reference.
+    least_reach : float
+        How far from a place the map holds at the least, metres: where the places are the references, a robot drives beside their
+        tracks, too; virtual places lie there already.
     """
 
     positions: Float64
     references: Float64 | None = None
+    least_reach: float = LEAST_REACH_M
 
     def __len__(self) -> int:
         return len(self.positions)
@@ -57,10 +61,9 @@ class Places:
     def reaches(self) -> Float64:
         """How far from each place the map still holds, float64 (k,), metres.
 
-        At least one spacing, so that the middle of a grid's cell is covered, and farther where places are sparse. Where the places are
-        the references themselves, a robot off their tracks is on the map, too.
+        At least one spacing, so that the middle of a grid's cell is covered, and farther where places are sparse.
         """
-        least = max(self.spacing, LEAST_REACH_M) if self.references is None else self.spacing
+        least = max(self.spacing, self.least_reach)
         return np.clip(local_spacings(self.positions), least, max(2.0 * self.spacing, least))
 
     @cached_property

@@ -10,6 +10,7 @@ the paper's voting function (eq. 3).
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from typing import Any, Self
 
 import numpy as np
@@ -21,7 +22,7 @@ from panoloc_mcl.robot.camera import Panorama
 from panoloc_mcl.robot.eigenspace.gradients import check_filter_size, orientations
 from panoloc_mcl.robot.eigenspace.pca import eigenspace_of
 from panoloc_mcl.robot.observation.base import Arrays
-from panoloc_mcl.robot.observation.calibration import Calibration, calibrate
+from panoloc_mcl.robot.observation.calibration import Calibration, calibrate, learn_tolerance
 from panoloc_mcl.robot.observation.field import VoteField, at_headings, silent_field
 from panoloc_mcl.robot.observation.overlap import OverlapNorms, block_energy, block_usable, squared_magnitude
 from panoloc_mcl.robot.observation.places import Places
@@ -107,6 +108,7 @@ class VotesModel:
         self.kept = kept
         self.notes = notes
         self.calibration = calibration
+        self.learnt_tolerance: float | None = None
         self._used = used
         self._spectra = spectra
         self._coefficients = coefficients
@@ -181,8 +183,10 @@ class VotesModel:
             notes,
             used=used,
         )
-        if synthesizer is not None:
-            most, threads = settings.calibration_references, _threads(settings)
+        most, threads = settings.calibration_references, _threads(settings)
+        if synthesizer is None:
+            model.learnt_tolerance = learn_tolerance(model.held_out, references, most, progress, threads)
+        else:
             model.calibration = calibrate(model.held_out, references, most, progress, threads, settings.wrong_share)
             synthesizer.errors = learn_source_errors(synthesizer, settings, most, progress, threads)
             model.notes += synthesizer.errors.notes
@@ -199,7 +203,7 @@ class VotesModel:
             profiles, alone = arrays["profiles"].astype(np.float64), arrays["alone"].astype(np.bool_)
             synthesizer = ViewSynthesizer(references, profiles, references.camera_height_m, alone)
             synthesizer.errors = SourceErrors.of_array(arrays.get("source_errors"))
-        return cls(
+        model = cls(
             _places(references, everywhere, settings, synthesizer),
             settings,
             references.geometry.width,
@@ -212,6 +216,9 @@ class VotesModel:
             calibration=Calibration.of_array(arrays["calibration"]) if "calibration" in arrays else None,
             used=arrays["used"],
         )
+        if "tolerance" in arrays:
+            model.learnt_tolerance = float(arrays["tolerance"][0])
+        return model
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """What a map file keeps."""
@@ -228,6 +235,8 @@ class VotesModel:
             kept["profiles"] = self._synthesizer.profiles.astype(np.float32)
             kept["alone"] = self._synthesizer.alone.astype(np.uint8)
             kept["source_errors"] = self._synthesizer.errors.array()
+        if self.learnt_tolerance is not None:
+            kept["tolerance"] = np.array([self.learnt_tolerance])
         if self.calibration is not None:
             kept["calibration"] = self.calibration.array()
         return kept
@@ -286,22 +295,20 @@ class VotesModel:
     def _tolerance(self) -> float:
         if self.settings.tolerance is not None:
             return self.settings.tolerance
-        learnt = _USUAL_TOLERANCE if self.calibration is None else self.calibration.tolerance
-        return max(learnt, _LEAST_TOLERANCE)
+        learnt = self.learnt_tolerance if self.calibration is None else self.calibration.tolerance
+        return _USUAL_TOLERANCE if learnt is None else max(learnt, _LEAST_TOLERANCE)
 
     def held_out(self, reference: int) -> VotesModel:
         """The model as though a reference had never been taken.
 
-        The views of the places that are nearest to it are made from the others; eigenimages and depths stay as they are.
-
-        Raises
-        ------
-        ValueError
-            Views are not synthesised: without its reference, a place is gone.
+        The views of the places that are nearest to it are made from the others; eigenimages and depths stay as they are. Where views
+        are not synthesised, its place is gone.
         """
-        if self._synthesizer is None:
-            raise ValueError("a map without virtual places cannot do without a reference")
         energy, usable = self._norms.energy, self._norms.usable
+        if self._synthesizer is None:
+            others_than = np.delete(np.arange(len(self.places)), reference)
+            left = Places(self.places.positions[others_than])
+            return self._with(left, self._coefficients[others_than], energy[others_than], usable[others_than], None)
         references = self._synthesizer.references
         others = self._synthesizer.of(np.delete(np.arange(len(references)), reference))
         coefficients, energy, usable = self._coefficients.copy(), energy.copy(), usable.copy()
@@ -314,7 +321,7 @@ class VotesModel:
             coefficients[place] = self._projections(z)[0]
             energy[place], usable[place] = block_energy(z), block_usable(mask)
             energy[place] *= np.sum(np.abs(coefficients[place]) ** 2) / max(float(energy[place].sum()), 1e-12)
-        return self._with(Places(positions, self.places.references), coefficients, energy, usable, others)
+        return self._with(replace(self.places, positions=positions), coefficients, energy, usable, others)
 
     def _with(
         self, places: Places, coefficients: Complex64, energy: Float32, usable: Float32, synthesizer: ViewSynthesizer | None
@@ -371,7 +378,7 @@ def _places(
     if synthesizer is None:
         return Places(references.positions, None if len(references) == len(everywhere) else everywhere)
     spacing = usual_spacing(references.positions)
-    return Places(places_of(synthesizer, spacing, settings.virtual_places), everywhere)
+    return Places(places_of(synthesizer, spacing, settings.virtual_places), everywhere, least_reach=0.0)
 
 
 def vote_of_cosine(cosines: Float32, width: float) -> Float32:

@@ -128,7 +128,7 @@ class VotesSettings(StrictModel):
         "and such as are found astray. Sets how sure the map's calibration is.",
     )
     fits_nowhere_below: Share = Field(
-        0.45,
+        0.2,
         json_schema_extra=OBSERVING,
         description="An image whose best pose is less probable than this fits nowhere in the map: it is skipped, and said to be so.",
     )
@@ -182,6 +182,9 @@ MODELS: dict[str, Entry] = {
     "zero_phase": Entry(f"{_PEERS}.zero_phase:ZeroPhaseModel", f"{_PEERS}.settings:ZeroPhaseSettings"),
     "orientation_correlation": Entry(
         f"{_PEERS}.orientation_correlation:OrientationCorrelationModel", f"{_PEERS}.settings:OrientationCorrelationSettings"
+    ),
+    "nearest_reference": Entry(
+        f"{_PEERS}.nearest_reference:NearestReferenceModel", f"{_PEERS}.settings:NearestReferenceSettings"
     ),
 }
 

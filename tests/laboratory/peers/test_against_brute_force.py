@@ -6,11 +6,13 @@ from oracles.scenes import COLUMNS, panorama, random_world, texture, turned
 from panoloc_mcl.laboratory.peers.eigenspace import EigenspaceModel
 from panoloc_mcl.laboratory.peers.fourier_signature import FourierSignatureModel
 from panoloc_mcl.laboratory.peers.least_squares import LeastSquaresModel
+from panoloc_mcl.laboratory.peers.nearest_reference import NearestReferenceModel
 from panoloc_mcl.laboratory.peers.orientation_correlation import OrientationCorrelationModel
 from panoloc_mcl.laboratory.peers.settings import (
     EigenspaceSettings,
     FourierSignatureSettings,
     LeastSquaresSettings,
+    NearestReferenceSettings,
     OrientationCorrelationSettings,
     SpinningSettings,
     ZeroPhaseSettings,
@@ -66,6 +68,15 @@ def test_zero_phase(image, width: float) -> None:
     settings = ZeroPhaseSettings(components=5, heading_width_deg=width)
     votes = ZeroPhaseModel.build(WORLD, settings).observe(panorama(image)).votes
     assert votes == pytest.approx(brute.zero_phase(WORLD.pixels, image.astype(float), settings), rel=1e-3, abs=1e-5)
+
+
+@pytest.mark.parametrize("image", IMAGES)
+def test_nearest_reference(image) -> None:
+    settings = NearestReferenceSettings()
+    model = NearestReferenceModel.build(WORLD, settings)
+    assert model.votes(image.astype(np.float32)) == pytest.approx(
+        brute.nearest_reference(WORLD.pixels, image.astype(float), settings.contrast_floor), abs=1e-5
+    )
 
 
 @pytest.mark.parametrize("image", IMAGES)

@@ -21,6 +21,7 @@ CHOSEN = {
     "spinning": {"components": 60},
     "zero_phase": SMALL,
     "orientation_correlation": {},
+    "nearest_reference": {},
 }
 PEERS = tuple(CHOSEN)
 STEP = 2.0 * np.pi / COLUMNS

@@ -27,6 +27,7 @@ PEERS = {
     "spinning": {"components": 60},
     "zero_phase": {"components": 5},
     "orientation_correlation": {},
+    "nearest_reference": {},
 }
 VARIANTS = [*PEERS.items(), ("fourier_signature", {"heading": "none"})]
 

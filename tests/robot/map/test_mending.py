@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from panoloc_mcl.robot.geometry import between, compose, wrap_angle
-from panoloc_mcl.robot.map.keyframes import Keyframes
-from panoloc_mcl.robot.map.mending import Mended, mend, robot_edges
+from panoloc_mcl.robot.map.keyframes import Edges, Keyframes
+from panoloc_mcl.robot.map.mending import Mended, closure_error, mend, robot_edges
 from panoloc_mcl.robot.map.pairs import PairMeasurements, neighbour_pairs
 from panoloc_mcl.robot.settings.map import MapSettings
 from panoloc_mcl.robot.settings.observation import VotesSettings
@@ -93,3 +93,19 @@ def test_keyframes_are_kept_as_they_are():
     np.testing.assert_allclose(kept.sds, 0.1)
     with pytest.raises(ValueError, match="poses"):
         Keyframes.restored(("a", "b"), keyframes.arrays() | {"given": keyframes.given[:2]}, keyframes.header())
+
+
+def test_relative_poses_that_do_not_close_are_known_by_their_triangles() -> None:
+    rng = np.random.default_rng(0)
+    poses = np.column_stack([rng.uniform(0.0, 3.0, (8, 2)), rng.uniform(-np.pi, np.pi, 8)])
+    pairs = np.array([(i, j) for i in range(8) for j in range(i + 1, 8)])
+    exact = np.array([between(poses[i], poses[j]) for i, j in pairs])
+
+    def edges(measured: np.ndarray) -> Edges:
+        ones = np.ones(len(pairs))
+        return replace(Edges.none(), first=pairs[:, 0], second=pairs[:, 1], measured=measured, weights=ones)
+
+    assert closure_error(edges(exact)) == pytest.approx(0.0, abs=1e-9)
+    assert closure_error(edges(exact + rng.normal(0.0, 0.01, exact.shape) * [1.0, 1.0, 0.0])) < 0.05
+    assert closure_error(edges(exact + rng.normal(0.0, 0.5, exact.shape) * [1.0, 1.0, 0.0])) > 0.1
+    assert closure_error(Edges.none()) == 0.0

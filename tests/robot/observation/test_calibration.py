@@ -6,15 +6,19 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from oracles.rooms import BareRoom
+from oracles.scenes import grid
 from scipy.optimize import minimize
 
 from panoloc_mcl.robot.camera import Panorama, PanoramaGeometry
 from panoloc_mcl.robot.measurement import Agreement, PoseMeasurement
 from panoloc_mcl.robot.observation import calibration
-from panoloc_mcl.robot.observation.calibration import Calibration, calibrate, evidence
+from panoloc_mcl.robot.observation.calibration import Calibration, calibrate, evidence, most_likely_tolerance
 from panoloc_mcl.robot.observation.field import VoteField
 from panoloc_mcl.robot.observation.places import Places
+from panoloc_mcl.robot.observation.votes import VotesModel
 from panoloc_mcl.robot.references import ReferencePanoramas
+from panoloc_mcl.robot.settings.observation import VirtualPlacesSettings, VotesSettings
 
 PLACES = Places(np.array([[x, y] for x in np.arange(0.0, 4.0, 0.25) for y in np.arange(0.0, 1.1, 0.25)]))
 
@@ -201,3 +205,25 @@ def test_chance_is_less_unanimous_than_a_match() -> None:
     chance = Agreement.of_columns(rng.normal(0.0, 0.3, 240), np.ones(240), np.ones(240))
     match = Agreement.of_columns(rng.normal(0.5, 0.3, 240), np.ones(240), np.ones(240))
     assert match.unanimity > 4.0 * abs(chance.unanimity)
+
+
+def test_the_tolerance_is_that_of_the_true_poses() -> None:
+    """Shortfalls drawn from a Gaussian, over a map whose votes are spread evenly: the width that they were drawn with is found."""
+    rng = np.random.default_rng(0)
+    of_map = np.tile(1.0 - (1.0 - np.square((np.arange(256) + 0.5) / 256)), (2000, 1))
+    for width in (0.03, 0.1):
+        found = most_likely_tolerance(np.abs(rng.normal(0.0, width, 2000)), of_map)
+        assert found == pytest.approx(width, rel=0.2)
+    # True poses that lie no better than any others tell nothing.
+    assert most_likely_tolerance(rng.uniform(0.0, 1.0, 2000), of_map) is None
+
+
+def test_a_map_without_views_learns_its_tolerance_from_the_references() -> None:
+    room = BareRoom(low=(-1.5, -1.2), high=(2.6, 2.7)).references(PanoramaGeometry(90, 36, -50.0, 25.0), grid(7, 5, 0.25))
+    settings = VotesSettings(thinning=False, virtual_places=VirtualPlacesSettings(enabled=False))
+    model = VotesModel.build(room, settings)
+    assert model.calibration is None
+    assert model.learnt_tolerance is not None
+    restored = VotesModel.restore(room, settings, model.arrays())
+    image = room.panorama(9)
+    assert restored.observe(image).tolerance == model.observe(image).tolerance

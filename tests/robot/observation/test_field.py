@@ -181,3 +181,20 @@ def test_noise_stands_out_less_than_a_match() -> None:
     votes[4, 4] = 5.0
     assert a_field(votes).standing_out > 3.0 * noise
     assert a_field(flat(0.3)).standing_out == 0.0
+
+
+def test_the_guess_is_the_best_cell_and_its_share_of_the_likelihood() -> None:
+    votes = flat(0.01)
+    votes[10, 5] = 0.9
+    guess = a_field(votes, tolerance=0.1).guess
+    assert guess is not None
+    assert guess.pose == pytest.approx([*PLACES.positions[5], CIRCLE[10]], abs=1e-6)
+    assert guess.probability > 0.9
+    votes[40, 9] = 0.9
+    divided = a_field(votes, tolerance=0.1).guess
+    assert divided is not None
+    assert 0.4 < divided.probability < 0.6
+    judged = a_field(votes).judged(0.3, "image fits nowhere").guess
+    assert judged is not None
+    assert judged.probability == 0.3
+    assert silent_field(CIRCLE, PLACES, "image is black", True).guess is None

@@ -134,5 +134,5 @@ def test_a_line_of_close_references_reaches_to_its_sides() -> None:
     line = Places(np.column_stack([np.arange(0.0, 3.0, 0.02), np.zeros(150)]))
     assert line.spacing == pytest.approx(0.02)
     assert line.contains(np.array([[1.0, 0.45], [1.0, 0.55]])).tolist() == [True, False]
-    virtual = Places(line.positions, references=line.positions)
+    virtual = Places(line.positions, references=line.positions, least_reach=0.0)
     assert not virtual.contains(np.array([[1.0, 0.45]])).any()
