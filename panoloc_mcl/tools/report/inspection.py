@@ -95,6 +95,7 @@ def inspect_map(panorama_map: PanoramaMap, model: ObservationModel, confusion: C
         *_reference_lines(references),
         *graph_lines(panorama_map.keyframes),
         ("places voted for", f"{len(places)}, {places.spacing:.2f} m apart"),
+        ("ground covered", f"{covered_m2(places):.1f} m², the shaded part of the picture"),
         ("variance kept", _share_text(kept)) if kept is not None else ("variance kept", "the model has no eigenspace"),
         ("grey-level eigenimages", _kept_text(eigen)),
         *[("confused", text) for text, _ in confused],
@@ -108,6 +109,7 @@ def inspect_map(panorama_map: PanoramaMap, model: ObservationModel, confusion: C
         "graph": graph_values(panorama_map.keyframes),
         "places": len(places),
         "place_spacing_m": places.spacing,
+        "covered_m2": covered_m2(places),
         "variance_kept": kept,
         "grey_variance_kept": eigen.kept.tolist(),
         "confused": [pair for _, pair in confused],
@@ -176,6 +178,12 @@ def inspect_results(results: Results) -> Inspection:
     pairs = [{"nearest": a, "reported": b, "times": count} for (a, b), count in taken.most_common()]
     values = {"kind": "results", "run": dict(results.run_info), "metrics": dict(results.metrics), "confused": pairs}
     return Inspection("results", tuple(lines), values)
+
+
+def covered_m2(places: Places) -> float:
+    """Ground that the map holds on, square metres."""
+    raster = places.raster
+    return float(raster.weights.any(axis=1).sum()) * raster.cell**2
 
 
 def eigenimages_of(references: ReferencePanoramas) -> Eigenimages:

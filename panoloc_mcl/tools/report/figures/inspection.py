@@ -101,6 +101,7 @@ def _draw_kept(axes: Axes, eigen: Eigenimages) -> None:
 def _draw_coverage(axes: Axes, positions: FloatArray, places: Places, dataset: Dataset | None) -> None:
     axes.set_axisbelow(True)
     axes.grid(True)
+    _shade_covered(axes, places)
     if len(places) != len(positions):
         axes.plot(*places.positions.T, ".", color=VOTE_COLORS[2], markersize=2, label="places")
     axes.plot(*positions.T, "+", color=BLUE, markersize=6, label="references")
@@ -116,6 +117,18 @@ def _draw_coverage(axes: Axes, positions: FloatArray, places: Places, dataset: D
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, handlelength=1.2, columnspacing=0.9, borderaxespad=0.1)
+
+
+def _shade_covered(axes: Axes, places: Places) -> None:
+    """The ground that the map holds on."""
+    from matplotlib.colors import ListedColormap
+
+    raster = places.raster
+    covered = raster.weights.any(axis=1).reshape(raster.shape)
+    (left, bottom), (rows, columns) = raster.origin, raster.shape
+    extent = (left, left + columns * raster.cell, bottom, bottom + rows * raster.cell)
+    shown = np.ma.masked_equal(covered, False)
+    axes.imshow(shown, origin="lower", extent=extent, cmap=ListedColormap([VOTE_COLORS[1]]), alpha=0.5, zorder=0)
 
 
 def _draw_confusion(figure: Any, axes: Axes, confusion: Confusion) -> None:
