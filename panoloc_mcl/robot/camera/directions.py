@@ -89,6 +89,16 @@ def heading_column_of(camera: PanoramaCamera | EquirectangularCamera, image_size
     return 0.5 * (image_size[0] - 1) if camera.heading_column is None else camera.heading_column
 
 
+def row_of_elevation(camera: PanoramaCamera, height: int, elevation: Float64) -> Float64:
+    """The row of a panorama's image, of so many rows, that looks at elevations in radians; NaN where it has none."""
+    bottom, top = np.radians(camera.elevation_deg)
+    share = (elevation - top) / (bottom - top)
+    if camera.rows is not None and camera.rows != "elevation":
+        first, last = radius_px(camera.rows, np.array([top, bottom]))
+        share = (radius_px(camera.rows, elevation) - first) / (last - first)
+    return np.asarray(share * height - 0.5)
+
+
 def _cylinder(
     camera: PanoramaCamera | EquirectangularCamera, image_size: tuple[int, int], azimuth: Float64, elevation: Float64
 ) -> Pixels:
@@ -97,7 +107,10 @@ def _cylinder(
     bottom, top = np.radians((-90.0, 90.0) if sphere else camera.elevation_deg)
     sense = -1.0 if camera.columns == "clockwise" else 1.0
     u = np.mod(heading_column_of(camera, image_size) + sense * azimuth * (width / (2.0 * np.pi)), width)
-    v = (elevation - top) * (height / (bottom - top)) - 0.5
+    if isinstance(camera, PanoramaCamera):
+        v = row_of_elevation(camera, height, elevation)
+    else:
+        v = (elevation - top) * (height / (bottom - top)) - 0.5
     u, v = np.broadcast_arrays(u, v)
     if sphere:
         low, high = np.radians(camera.elevation_deg)

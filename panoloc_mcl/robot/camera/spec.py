@@ -142,7 +142,10 @@ class _Camera(StrictModel):
 
 
 class PanoramaCamera(_Camera):
-    """Images that are unwrapped cylinders already, rows linear in elevation.
+    """Images that are unwrapped cylinders already.
+
+    ``rows`` says how elevation runs down the image: linear in angle (``elevation``, the default), or, as most unwrappers of one-shot cameras leave it, linear in the
+    radius of a given mirror or fisheye, from that of the top elevation to that of the bottom one.
 
     Centres of pixels lie at integers: column c covers ``c - 0.5`` to ``c + 0.5``. Of the same panorama exported at s times the size,
     ``heading_column`` h becomes ``s (h + 0.5) - 0.5``: 0 becomes 0.5 at twice the size.
@@ -152,6 +155,18 @@ class PanoramaCamera(_Camera):
     columns: Direction = "clockwise"
     heading_column: float = 0.0
     elevation_deg: Elevations
+    rows: Literal["elevation"] | Profile | None = None
+
+    @model_validator(mode="after")
+    def _rows_in_order(self) -> PanoramaCamera:
+        if self.rows is not None and self.rows != "elevation":
+            steps = np.diff(radius_px(self.rows, np.radians(np.linspace(*self.elevation_deg, 181))))
+            if not (np.all(steps > 0.0) or np.all(steps < 0.0)):
+                raise ValueError(
+                    f"rows: its radius neither keeps rising nor keeps falling over elevation_deg {list(self.elevation_deg)}; "
+                    "check the profile and the elevations"
+                )
+        return self
 
 
 class EquirectangularCamera(_Camera):

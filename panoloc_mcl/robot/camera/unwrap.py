@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from panoloc_mcl.robot.camera.directions import Pixels, angles_of, pixels_of, rays_of
+from panoloc_mcl.robot.camera.directions import Pixels, angles_of, pixels_of, rays_of, row_of_elevation
 from panoloc_mcl.robot.camera.extent import geometry_of
 from panoloc_mcl.robot.camera.panorama import Panorama, PanoramaGeometry
 from panoloc_mcl.robot.camera.profiles import radius_px
@@ -160,13 +160,13 @@ class Unwrapper:
         sense = 1.0 if camera.columns == "clockwise" else -1.0
         offset = fine_columns - (self.turn - camera.mounting.yaw) * self.geometry.width / (2.0 * np.pi)
         columns = np.mod(camera.heading_column + sense * offset * (width / self.geometry.width), width)
-        rows = source.row_of_elevation(self.geometry.elevation_of_row(fine_rows))
+        rows = row_of_elevation(camera, height, self.geometry.elevation_of_row(fine_rows))
         seen_rows = np.asarray((rows > -0.5 - _WHOLE) & (rows < height - 0.5 + _WHOLE))
         if across * down == 1 and _are_whole(columns) and _are_whole(rows):
             self._columns = np.rint(columns).astype(np.intp) % width
             self._rows = np.clip(np.rint(rows), 0, height - 1).astype(np.intp)
         else:
-            self._set_maps(*np.meshgrid(columns + _SEAM, np.clip(rows, 0, height - 1)))
+            self._set_maps(*np.meshgrid(columns + _SEAM, np.clip(np.nan_to_num(rows), 0, height - 1)))
         seen = np.asarray(seen_rows.reshape(-1, down).all(axis=1))
         return np.repeat(seen[:, None], self.geometry.width, axis=1)
 
