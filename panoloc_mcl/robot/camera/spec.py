@@ -144,8 +144,8 @@ class _Camera(StrictModel):
 class PanoramaCamera(_Camera):
     """Images that are unwrapped cylinders already.
 
-    ``rows`` says how elevation runs down the image: linear in angle (``elevation``, the default), or, as most unwrappers of one-shot cameras leave it, linear in the
-    radius of a given mirror or fisheye, from that of the top elevation to that of the bottom one.
+    ``rows`` says how elevation runs down the image: linear in angle (``elevation``, the default), or, as most unwrappers of one-shot
+    cameras leave it, linear in the radius of a given mirror or fisheye, from that of the top elevation to that of the bottom one.
 
     Centres of pixels lie at integers: column c covers ``c - 0.5`` to ``c + 0.5``. Of the same panorama exported at s times the size,
     ``heading_column`` h becomes ``s (h + 0.5) - 0.5``: 0 becomes 0.5 at twice the size.
