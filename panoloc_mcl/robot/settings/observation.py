@@ -181,10 +181,11 @@ MODELS: dict[str, Entry] = {
     "spinning": Entry(f"{_PEERS}.spinning:SpinningModel", f"{_PEERS}.settings:SpinningSettings"),
     "zero_phase": Entry(f"{_PEERS}.zero_phase:ZeroPhaseModel", f"{_PEERS}.settings:ZeroPhaseSettings"),
     "orientation_correlation": Entry(
-        f"{_PEERS}.orientation_correlation:OrientationCorrelationModel", f"{_PEERS}.settings:OrientationCorrelationSettings"
+        f"{_PEERS}.correlation.orientation_correlation:OrientationCorrelationModel",
+        f"{_PEERS}.settings:OrientationCorrelationSettings",
     ),
     "nearest_reference": Entry(
-        f"{_PEERS}.nearest_reference:NearestReferenceModel", f"{_PEERS}.settings:NearestReferenceSettings"
+        f"{_PEERS}.correlation.nearest_reference:NearestReferenceModel", f"{_PEERS}.settings:NearestReferenceSettings"
     ),
 }
 

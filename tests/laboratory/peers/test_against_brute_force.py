@@ -3,11 +3,11 @@ import pytest
 from oracles import peers as brute
 from oracles.scenes import COLUMNS, panorama, random_world, texture, turned
 
+from panoloc_mcl.laboratory.peers.correlation.nearest_reference import NearestReferenceModel
+from panoloc_mcl.laboratory.peers.correlation.orientation_correlation import OrientationCorrelationModel
 from panoloc_mcl.laboratory.peers.eigenspace import EigenspaceModel
 from panoloc_mcl.laboratory.peers.fourier_signature import FourierSignatureModel
 from panoloc_mcl.laboratory.peers.least_squares import LeastSquaresModel
-from panoloc_mcl.laboratory.peers.nearest_reference import NearestReferenceModel
-from panoloc_mcl.laboratory.peers.orientation_correlation import OrientationCorrelationModel
 from panoloc_mcl.laboratory.peers.settings import (
     EigenspaceSettings,
     FourierSignatureSettings,

@@ -1,0 +1,1 @@
+"""Peers that correlate gradients with every reference around the circle."""
