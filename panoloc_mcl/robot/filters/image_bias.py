@@ -34,6 +34,8 @@ _EXPECTED = 16.3
 _LEAST = 0.01
 # An image that leaves so much of the predicted covariance, in every direction, tells nothing new.
 _NEWS = 0.9
+# The same view once more only trims what the belief has far out: it counts with so many times its covariance.
+_TRIMMING, _WIDE = 4.0, 2.0
 # A cluster of equal particles has no volume.
 _FLOOR = np.diag([1e-4, 1e-4, 1e-5]) ** 2
 
@@ -126,6 +128,17 @@ class ImageBias:
         )
         left = np.linalg.eigvals(np.linalg.solve(before, before - gain_pose @ innovation @ gain_pose.T)).real
         return Seen(_wrapped(new_pose), new_covariance, after, expected=True, new=bool(left.min() < _NEWS))
+
+    def seen_again(self, cluster: Cluster, pose: Float64, covariance: Float64) -> Seen | None:
+        """What a robot that has not moved sees once more: nothing new, unless the belief is far wider; None if it is another view.
+
+        The belief after an image is no normal distribution, so that correlations alone would let it count twice.
+        """
+        off = _off(pose, self.pose)
+        if float(off @ np.linalg.solve(self.covariance + covariance, off)) > _EXPECTED:
+            return None
+        wide = float(np.trace(cluster.covariance[:2, :2])) > _WIDE * float(np.trace(covariance[:2, :2]))
+        return Seen(self.pose, _TRIMMING * covariance, self, expected=True, new=wide)
 
     def _carried(self, cluster: Cluster, before: Float64, covariance: Float64, kept: float) -> tuple[Float64, Float64, Float64]:
         """Mean, covariance, and covariance with the pose, after the way to a predicted pose."""

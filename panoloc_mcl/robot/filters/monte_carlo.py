@@ -63,6 +63,7 @@ _FORM = "monte_carlo/2"
 _DRAWN_AT_START = 0.9
 # A hypothesis with this share of the weight stands alone: an image that tells nothing new of it has nothing to decide.
 _ALONE = 0.98
+_LEAST_WAY_M = 1e-6
 _TINY = float(np.finfo(np.float64).tiny)
 
 
@@ -121,8 +122,9 @@ class MonteCarloFilter:
 
     def propagate(self, motion: Motion) -> None:
         """Move every particle by odometry with noise; without motion nothing changes at all."""
-        self.memory = replace(self.memory, way=self.memory.way + motion.distance)
         if not motion.stands:
+            # Who has moved at all has not stood.
+            self.memory = replace(self.memory, way=self.memory.way + max(motion.distance, _LEAST_WAY_M))
             self._answer = None
             self._move(self.poses, motion)
 
@@ -232,7 +234,9 @@ class MonteCarloFilter:
             self._bias = ImageBias.of_first(pose, covariance)
             return image, None
         way = self.memory.way + (0.0 if offset is None else offset.distance)
-        seen = self._bias.seen(prior.clusters[0], pose, covariance, kept_share(measurement, way, self._spacing))
+        whole = find_clusters(self.poses, self.weights)[0] if way == 0.0 else None
+        seen = None if whole is None else self._bias.seen_again(whole, pose, covariance)
+        seen = seen or self._bias.seen(prior.clusters[0], pose, covariance, kept_share(measurement, way, self._spacing))
         self._bias = seen.bias
         return replace(image, measured=(seen.pose, seen.covariance)), seen
 
