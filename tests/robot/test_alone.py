@@ -3,12 +3,15 @@
 import re
 import subprocess
 import sys
+import tomllib
+from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
 
 import pytest
 
 import panoloc_mcl
+from panoloc_mcl.robot.files import CACHE_VARIABLE
 
 # The names of the packages to install; what they need themselves comes with them.
 ALLOWED = (
@@ -31,7 +34,7 @@ class Without:
         self.finder = finder
 
     def find_spec(self, name, path=None, target=None):
-        if name.startswith(("panoloc_mcl.tools", "panoloc_mcl.laboratory")) or name.partition(".")[0] in {missing!r}:
+        if name.startswith({wings!r}) or name.partition(".")[0] in {missing!r}:
             return None
         return self.finder.find_spec(name, path, target)
 
@@ -101,10 +104,10 @@ for name in ("rich", "jinja2", "plotly", "matplotlib", "panoloc_mcl.tools", "pan
 """
 
 
-def missing() -> set[str]:
-    """Every name that some installed package but an allowed one gives."""
+def missing(of: Sequence[str]) -> set[str]:
+    """Every name that some installed package but these, and what they need, gives."""
     allowed: set[str] = set()
-    to_do = list(ALLOWED)
+    to_do = list(of)
     while to_do:
         name = canonical(to_do.pop())
         if name not in allowed and installed(name):
@@ -131,8 +134,13 @@ def installed(name: str) -> bool:
     return True
 
 
-def on_a_bare_robot(code: str, folder: Path) -> None:
-    blocked = BLOCK.format(missing=missing())
+def on_a_bare_robot(
+    code: str,
+    folder: Path,
+    packages: Sequence[str] = ALLOWED,
+    wings: tuple[str, ...] = ("panoloc_mcl.tools", "panoloc_mcl.laboratory"),
+) -> None:
+    blocked = BLOCK.format(missing=missing(packages), wings=wings)
     done = subprocess.run([sys.executable, "-c", blocked + code], cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 
@@ -144,3 +152,15 @@ def test_every_module_is_imported(tmp_path):
 @pytest.mark.slow
 def test_it_builds_a_map_and_localizes(tmp_path):
     on_a_bare_robot(LOCALIZE, tmp_path)
+
+
+@pytest.mark.slow
+def test_the_base_install_runs_without_any_extra(small_room, tmp_path, monkeypatch):
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path / "cache"))
+    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
+    packages = [re.match(r"[\w.-]+", line)[0] for line in project["dependencies"]]
+    config = tmp_path / "run.yaml"
+    config.write_text(f"name: base\ndataset: {small_room.path}\n")
+    code = f"from panoloc_mcl.tools.cli.main import main\nassert main(['run', {str(config)!r}, '--out', 'results']) == 0"
+    on_a_bare_robot(code, tmp_path, packages, wings=())
+    assert (tmp_path / "results" / "base" / "latest" / "metrics.json").is_file()
