@@ -20,6 +20,7 @@ from panoloc_mcl.laboratory.reports import Number, Ratio, Report
 from panoloc_mcl.laboratory.timing import in_a_process, interleaved, matrix_product
 from panoloc_mcl.robot.camera import Panorama, PanoramaGeometry
 from panoloc_mcl.robot.errors import ConfigError
+from panoloc_mcl.robot.map.keyframes import Keyframes
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.observation import Places, VotesModel
 from panoloc_mcl.robot.references import ReferencePanoramas, read_references
@@ -129,13 +130,8 @@ def tiled(small: PanoramaMap, tiles: int) -> PanoramaMap:
     across = int(np.ceil(np.sqrt(tiles)))
     offsets = np.array([(index % across, index // across) for index in range(tiles)]) * extent
     positions = (references.positions[None] + offsets[:, None]).reshape(-1, 2)
-    many = replace(
-        references,
-        pixels=np.concatenate([references.pixels] * tiles),
-        valid=None if references.valid is None else np.concatenate([references.valid] * tiles),
-        positions=positions,
-        names=tuple(f"{tile}_{name}" for tile in range(tiles) for name in references.names),
-    )
+    names = tuple(f"{tile}_{name}" for tile in range(tiles) for name in references.names)
+    many = replace(references.of(np.tile(np.arange(len(references)), tiles)), positions=positions, names=names)
     arrays = dict(small.arrays)
     of_references = {"profiles", "alone"} & set(arrays)
     arrays.update({name: np.concatenate([arrays[name]] * tiles) for name in of_references})
@@ -147,7 +143,8 @@ def tiled(small: PanoramaMap, tiles: int) -> PanoramaMap:
     for name, array in small.arrays.items():
         if name not in {*of_references, "spectra", "used"} and len(array) == len(model.places):
             arrays[name] = array[source]
-    return replace(small, references=many, arrays=arrays)
+    surveyed = Keyframes.surveyed(names, np.pad(positions, ((0, 0), (0, 1))))
+    return replace(small, references=many, keyframes=surveyed, arrays=arrays)
 
 
 def images_of(panorama_map: PanoramaMap, path: str) -> dict[str, float]:
