@@ -28,8 +28,9 @@ Float64 = NDArray[np.float64]
 _WAY_OF_MAP, _WAY_OF_VIEW = 0.75, 0.2
 # Share of an image's variance that is its own: 1 - (1.62 / 1.63)^2, and a little more.
 _FRESH = 0.02
-# Squared Mahalanobis distance up to which an image is where the images before led to expect it: 3 dimensions, 99.9 %.
-_EXPECTED = 16.3
+# Squared Mahalanobis distance up to which an image is where the images before led to expect it, in three dimensions: well beyond the
+# 16.3 of one normal error in a thousand, as errors have longer tails and an image that is taken for a fresh one counts twice.
+_EXPECTED = 30.0
 # What an image says at the least, as a share of what it would say alone: keeps matrices regular.
 _LEAST = 0.01
 # An image that leaves so much of the predicted covariance, in every direction, tells nothing new.
