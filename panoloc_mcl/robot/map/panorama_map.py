@@ -29,6 +29,7 @@ from panoloc_mcl.robot.map.mapping import map_drives
 from panoloc_mcl.robot.map.mending import Mended, mend
 from panoloc_mcl.robot.observation import ObservationModel, Places, build_settings, model_named
 from panoloc_mcl.robot.observation.base import Arrays
+from panoloc_mcl.robot.observation.scale import references_at, resolution_of
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.references import ReferencePanoramas, References
 from panoloc_mcl.robot.settings.map import MapSettings
@@ -121,7 +122,12 @@ class PanoramaMap:
         observation = observation or ObservationSettings()
         # One BLAS thread, so that the order of sums, and with it the map to the last bit, does not depend on the machine's cores.
         with threadpool_limits(1, user_api="blas"):
-            source, left_out = explained(dataset.references, observation.votes, os.cpu_count() or 1)
+            threads = os.cpu_count() or 1
+
+            def as_compared(references: ReferencePanoramas) -> ReferencePanoramas:
+                return references_at(references, resolution_of(references, observation.votes, threads))
+
+            source, left_out = explained(dataset.references, observation.votes, as_compared, threads)
             mended = mend(source, observation.votes, settings or MapSettings(), progress)
         mended = replace(mended, notes=(*left_out, *mended.notes))
         return cls.of_keyframes(dataset.name, mended, observation, seed, progress)

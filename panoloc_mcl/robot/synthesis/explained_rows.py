@@ -7,6 +7,7 @@ middle of the field.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -26,19 +27,26 @@ Float64 = NDArray[np.float64]
 _CORE_DEG = (-60.0, 30.0)
 _FEWEST_CORE_ROWS = 8
 _EDGE_DEG = 1.0  # a field that ends so close to the core is used whole
-# Of the agreement in the core, over a few degrees of rows.
-_SHARE, _SMOOTHING_DEG = 0.6, 5.0
+# Of the agreement in the core, over a few degrees of rows; what is below it by less than so many standard errors is left as it is.
+_SHARE, _SMOOTHING_DEG, _STANDARD_ERRORS = 0.6, 5.0, 2.0
 # References looked at: clusters of neighbours.
 _CLUSTERS, _CLUSTER_SIZE = 3, 6
 
 
-def explained(source: References, settings: VotesSettings, threads: int = 1) -> tuple[References, tuple[str, ...]]:
+def explained(
+    source: References,
+    settings: VotesSettings,
+    as_compared: Callable[[ReferencePanoramas], ReferencePanoramas],
+    threads: int = 1,
+) -> tuple[References, tuple[str, ...]]:
     """References that become panoramas of the rows that are worth comparing, and a note of what is left out.
 
     Parameters
     ----------
     source : References
     settings : VotesSettings
+    as_compared : callable
+        References in the resolution in which images are compared, so that enlarged images keep the same rows.
     threads : int
 
     Raises
@@ -51,10 +59,12 @@ def explained(source: References, settings: VotesSettings, threads: int = 1) -> 
         whole.elevation_bottom_deg >= _CORE_DEG[0] - _EDGE_DEG and whole.elevation_top_deg <= _CORE_DEG[1] + _EDGE_DEG
     ):
         return source, ()
-    rows = explained_rows(read_references(source), settings, threads)
-    if rows == slice(0, whole.height):
+    compared = as_compared(read_references(source))
+    rows = explained_rows(compared, settings, threads)
+    if rows == slice(0, compared.geometry.height):
         return source, ()
-    found = replace(source, rows=(rows.start, rows.stop))
+    scale = whole.height / compared.geometry.height
+    found = replace(source, rows=(round(rows.start * scale), round(rows.stop * scale)))
     kept = f"{found.geometry.elevation_bottom_deg:.0f} to {found.geometry.elevation_top_deg:.0f}"
     given = f"{whole.elevation_bottom_deg:.0f} to {whole.elevation_top_deg:.0f}"
     return found, (f"elevations {kept} of {given} degrees are used: a floor and walls do not explain the others",)
@@ -89,8 +99,9 @@ def explained_rows(references: ReferencePanoramas, settings: VotesSettings, thre
     profiles = sweep_profiles(inner, height, settings, threads=threads)
     agreement = _agreement_of_rows(ViewSynthesizer(chosen, profiles, height), settings)
     width = max(1, round(_SMOOTHING_DEG / abs(float(elevations[1] - elevations[0]))))
-    smooth = uniform_filter1d(agreement, width, mode="nearest")
-    good = smooth >= _SHARE * np.median(smooth[core])
+    smooth = uniform_filter1d(agreement, width, axis=1, mode="nearest")
+    mean, error = smooth.mean(axis=0), smooth.std(axis=0) / np.sqrt(len(smooth))
+    good = mean + _STANDARD_ERRORS * error >= _SHARE * np.median(mean[core])
     first, last = int(core[0]), int(core[-1])
     while first > 0 and good[first - 1]:
         first -= 1
@@ -120,9 +131,10 @@ def _clusters(positions: Float64) -> NDArray[np.int64]:
 
 
 def _agreement_of_rows(synthesizer: ViewSynthesizer, settings: VotesSettings) -> Float64:
-    """Cosine of every row of references with their nearest neighbours' views, float64 (rows,)."""
+    """Cosine of every row of every reference with its nearest neighbour's view, float64 (n, rows)."""
     references = synthesizer.references
-    common, energy = np.zeros(references.geometry.height), np.full(references.geometry.height, 1e-9)
+    common = np.zeros((len(references), references.geometry.height))
+    energy = np.full(common.shape, 1e-9)
     tree = cKDTree(references.positions)
     for index, position in enumerate(references.positions):
         distances, nearest = (np.atleast_1d(part) for part in tree.query(position, k=len(references)))
@@ -130,6 +142,6 @@ def _agreement_of_rows(synthesizer: ViewSynthesizer, settings: VotesSettings) ->
         mine, usable = orientations(references.panorama(index), settings)
         view, seen = orientations(synthesizer.view(neighbour, position, synthesizer.profiles[index]), settings)
         both = usable & seen
-        common += (both * (mine * view.conj()).real).sum(axis=1)
-        energy += 0.5 * (both * (np.abs(mine) ** 2 + np.abs(view) ** 2)).sum(axis=1)
+        common[index] = (both * (mine * view.conj()).real).sum(axis=1)
+        energy[index] += 0.5 * (both * (np.abs(mine) ** 2 + np.abs(view) ** 2)).sum(axis=1)
     return np.asarray(common / energy)

@@ -90,7 +90,7 @@ class ViewSynthesizer:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Pickled without what it keeps.
-        return ViewSynthesizer, (self.references, self.profiles, self.camera_height_m, self.alone)
+        return ViewSynthesizer, (self.references, self.profiles, self.camera_height_m, self.alone), {"errors": self.errors}
 
     @cached_property
     def _sources(self) -> NDArray[np.int64]:
