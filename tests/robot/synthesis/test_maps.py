@@ -195,7 +195,8 @@ def test_a_map_does_without_a_reference_where_views_are_synthesised(built) -> No
     assert np.isnan(without.confidence)
 
 
-def test_references_alone_cannot_be_held_out(built) -> None:
+def test_without_views_a_reference_that_is_held_out_is_no_place(built) -> None:
     settings = SETTINGS.model_copy(update={"virtual_places": VirtualPlacesSettings(enabled=False)})
-    with pytest.raises(ValueError, match="cannot do without a reference"):
-        VotesModel.build(built.references, settings).held_out(0)
+    model = VotesModel.build(built.references, settings)
+    left = model.held_out(0).places.positions
+    assert np.array_equal(left, np.delete(model.places.positions, 0, axis=0))
