@@ -37,8 +37,8 @@ _UNITS = ((0.01, "centimetres"), (0.001, "millimetres"), (0.3048, "feet"))
 # Heights that people write in another unit, or at half or double by a slip.
 # A floor is little of what is seen: half the height costs an eighth of the agreement in halls, a quarter in offices.
 _LEAST_GAIN_OF_HEIGHT = 0.08
-# Higher than the mast of any robot, metres.
-_HIGHEST_M = 10.0
+# From the lowest vacuum cleaner to the mast of a large robot, metres.
+_LOWEST_M, _HIGHEST_M = 0.03, 10.0
 _HEIGHTS = (0.5, 2.0, 0.001, 0.01, 100.0, 1000.0)
 _READINGS = (
     AS_WRITTEN,
@@ -102,6 +102,9 @@ def _height_fit(views: Views, pairs: Sequence[tuple[int, int]], moved: Float64, 
         return None
     scores = []
     for factor in (1.0, *_HEIGHTS):
+        if factor != 1.0 and not _LOWEST_M <= height_m * factor <= _HIGHEST_M:
+            # Another unit is only meant where it gives the height of a robot.
+            continue
         views.use_height(height_m * factor)
         said = f"camera.height_m fits as {height_m * factor:g} instead of {height_m:g}"
         scores.append((Reading("height", said, "correct it"), views.along(pairs, moved)))
