@@ -70,6 +70,7 @@ MODELS: dict[str, tuple[str, ...]] = {
     "zero_phase": ("model=zero_phase",),
     "zero_phase/raw_energy": ("model=zero_phase", "zero_phase.unit_energy=false"),
     "orientation_correlation": ("model=orientation_correlation",),
+    "nearest_reference": ("model=nearest_reference",),
 }
 # Rows of which the model is told the true heading, as it was made for.
 _HEADING_GIVEN = ("paper/known_heading",)
@@ -79,6 +80,7 @@ SHORT = (
     *("votes/no_refinement", "votes/spacing_0.5", "votes/no_virtual_places", "paper", "paper/known_heading"),
     *("fourier_signature", "eigenspace", "least_squares", "least_squares/mean_column", "spinning", "zero_phase"),
     "orientation_correlation",
+    "nearest_reference",
 )
 #: Instead of a heading error.
 PLACE_ALONE = "place alone"

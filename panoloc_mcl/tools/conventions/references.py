@@ -36,7 +36,7 @@ _FAR_M = 8.0
 _UNITS = ((0.01, "centimetres"), (0.001, "millimetres"), (0.3048, "feet"))
 # Heights that people write in another unit, or at half or double by a slip.
 # A floor is little of what is seen: half the height costs an eighth of the agreement in halls, a quarter in offices.
-_LEAST_GAIN_OF_HEIGHT = 0.08
+_LEAST_GAIN_OF_HEIGHT, _FEWEST_PAIRS_OF_HEIGHT = 0.08, 12
 # From the lowest vacuum cleaner to the mast of a large robot, metres.
 _LOWEST_M, _HIGHEST_M = 0.03, 10.0
 _HEIGHTS = (0.5, 2.0, 0.001, 0.01, 100.0, 1000.0)
@@ -98,7 +98,7 @@ def _unit_fit(views: Views, pairs: Sequence[tuple[int, int]], moved: Float64) ->
 
 
 def _height_fit(views: Views, pairs: Sequence[tuple[int, int]], moved: Float64, height_m: float | None) -> Fit | None:
-    if height_m is None:
+    if height_m is None or len(pairs) < _FEWEST_PAIRS_OF_HEIGHT:
         return None
     scores = []
     for factor in (1.0, *_HEIGHTS):
