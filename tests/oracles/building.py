@@ -57,28 +57,37 @@ def nearest(positions, position):
 
 
 def swept_profile(warper, index, settings):
-    """Wall distances around one reference."""
+    """Wall distances around one reference: the best of those tried, and once more around it."""
+    columns = warper.references.pixels.shape[2]
+    walls = np.log(np.geomspace(0.3, 18.0, settings.virtual_places.wall_distances))
+    step = walls[1] - walls[0]
+    tried = np.tile(walls[:, None], columns)
+    coarse = peaks(scores(warper, index, np.exp(tried), settings), tried)
+    closer = coarse + step * np.array((-0.6, -0.3, 0.0, 0.3, 0.6))[:, None]
+    return np.exp(np.clip(peaks(scores(warper, index, np.exp(closer), settings), closer), walls[0], walls[-1]))
+
+
+def scores(warper, index, walls, settings):
+    """Agreement of the neighbours with one reference, of walls (k, columns)."""
     references = warper.references
     columns = references.pixels.shape[2]
-    walls = np.geomspace(0.3, 18.0, settings.virtual_places.wall_distances)
     z, usable = features(references.pixels[index], None, settings)
-    agreement, energy = np.zeros((len(walls), columns)), np.full((len(walls), columns), 1e-3)
+    agreement, energy = np.zeros(walls.shape), np.full(walls.shape, 1e-3)
     order, distances = nearest(references.positions, references.positions[index])
     for neighbour in order[distances > 0.0][: settings.virtual_places.neighbours]:
         for row, wall in enumerate(walls):
-            pixels, seen = warper.view(neighbour, references.positions[index], np.full(columns, wall))
+            pixels, seen = warper.view(neighbour, references.positions[index], wall)
             warped, seen = features(pixels, seen, settings)
             agreement[row] += np.real(z * warped.conj()).sum(axis=0)
             energy[row] += 0.5 * (np.abs(z) ** 2 * seen + np.abs(warped) ** 2 * usable).sum(axis=0)
     # A running mean over the circle.
     width = max(1, round(SMOOTHING_DEG * columns / 360.0))
     window = (np.arange(columns)[:, None] + np.arange(width) - width // 2) % columns
-    score = agreement[:, window].sum(axis=2) / energy[:, window].sum(axis=2)
-    return peaks(score, np.log(walls))
+    return agreement[:, window].sum(axis=2) / energy[:, window].sum(axis=2)
 
 
-def peaks(score, log_walls):
-    """The parabola through the best distance and its neighbours."""
+def peaks(score, logs):
+    """Logarithm of the best distance, by the parabola through it and its neighbours."""
     at = np.arange(score.shape[1])
     best = score.argmax(axis=0)
     inner = np.clip(best, 1, len(score) - 2)
@@ -87,7 +96,7 @@ def peaks(score, log_walls):
     sharp = (bend < 0.0) & (inner == best)
     offset = np.zeros(len(at))
     offset[sharp] = 0.5 * (before - after)[sharp] / bend[sharp]
-    return np.exp(log_walls[best] + offset * (log_walls[1] - log_walls[0]))
+    return logs[best, at] + offset * (logs[1] - logs[0])
 
 
 def synthesised(warper, profiles, position, settings):

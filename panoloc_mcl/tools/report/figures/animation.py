@@ -64,12 +64,12 @@ def _palette() -> list[int]:
     """The same 256 colours for all frames: images, votes, statuses, what is drawn in colour with its edges."""
     from matplotlib.colors import LinearSegmentedColormap, to_rgba
 
-    greys = LinearSegmentedColormap.from_list("greys", ["black", "white"])
-    votes = LinearSegmentedColormap.from_list("votes", list(VOTE_COLORS))
-    colors = (
-        [greys(i / 127) for i in range(128)] + [votes(i / 75) for i in range(76)] + [to_rgba(c) for c in STATUS_COLORS.values()]
-    )
+    def shades(name: str, colors: list[str], count: int) -> list[tuple[float, ...]]:
+        ramp = LinearSegmentedColormap.from_list(name, colors)
+        return [ramp(i / (count - 1)) for i in range(count)]
+
+    colors = [*shades("greys", ["black", "white"], 128), *(to_rgba(color) for color in STATUS_COLORS.values())]
     for drawn in (ORANGE, RED):
-        edges = LinearSegmentedColormap.from_list("edges", [drawn, VOTE_COLORS[1], "white"])
-        colors += [edges(i / 23) for i in range(24)]
+        colors += shades("edges", [drawn, VOTE_COLORS[1], "white"], 24)
+    colors += shades("votes", list(VOTE_COLORS), 256 - len(colors))
     return [round(255 * part) for color in colors for part in color[:3]]
