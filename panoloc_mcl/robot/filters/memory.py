@@ -60,6 +60,8 @@ class Memory(Kept):
         Whether any answer before the last one was sure; who never knew the pose cannot be lost.
     sure : bool
         Whether the last answer was.
+    vouched : bool
+        Whether a start pose, or an image that was sure enough of itself, stands behind the belief.
     expected : (x, y, heading, spread_m, spread_deg) or None
         If the answer before was sure: where odometry led from its pose. Metres, radians, degrees.
     match, match_slow, match_fast : float
@@ -86,6 +88,7 @@ class Memory(Kept):
     effective: float
     known: bool = False
     sure: bool = False
+    vouched: bool = False
     expected: tuple[float, ...] | None = None
     match: float = math.nan
     match_slow: float = math.nan

@@ -57,7 +57,7 @@ from panoloc_mcl.robot.synthesis.spacing import usual_spacing
 
 Float64 = NDArray[np.float64]
 
-_FORM = "monte_carlo/2"
+_FORM = "monte_carlo/3"
 
 # Share of the weight that particles drawn from the first image stand for, when nothing is known.
 _DRAWN_AT_START = 0.9
@@ -95,7 +95,7 @@ class MonteCarloFilter:
         self.settings = settings
         self.status_settings = status
         nothing_known = start.position is None and start.heading is None
-        self.memory = Memory(int(rng.integers(2**63)), 0, nothing_known, float(settings.particles))
+        self.memory = Memory(int(rng.integers(2**63)), 0, nothing_known, float(settings.particles), vouched=not nothing_known)
         self._bias: ImageBias | None = None
         self._answer: FilterState | None = None
         self._set = ParticleSet(drawn_from(start, places, settings.particles, self._next_step()), settings.threads)
@@ -336,7 +336,10 @@ class MonteCarloFilter:
         if votes.informative:
             place_votes = float(votes.read(clusters[0].pose[None])[0])
             seen = tuple(votes.best_pose.tolist())
-            self.memory = replace(self.memory, place_votes=place_votes, seen=seen, way=0.0)
+            memory = self.memory
+            confident = math.isnan(votes.confidence) or votes.confidence >= self.status_settings.converged_confidence
+            vouched = confident or (memory.vouched and (memory.sure or not memory.known))
+            self.memory = replace(memory, place_votes=place_votes, seen=seen, way=0.0, vouched=vouched)
         self._answer = self._judged(clusters)
         self.memory = replace(self.memory, sure=self._answer.status is Status.CONVERGED)
 
@@ -350,7 +353,9 @@ class MonteCarloFilter:
         memory = self.memory
         return FilterState(
             clusters=clusters,
-            status=status_of(clusters, memory.fit, memory.elsewhere, memory.expected, memory.known, self.status_settings),
+            status=status_of(
+                clusters, memory.fit, memory.elsewhere, memory.expected, memory.known, memory.vouched, self.status_settings
+            ),
             match=memory.match,
             best_place=self.places.nearest_reference(clusters[0].pose[:2]),
             best_place_votes=memory.place_votes,

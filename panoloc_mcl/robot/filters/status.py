@@ -16,6 +16,7 @@ def status_of(
     elsewhere: float,
     expected: Sequence[float] | None,
     known: bool,
+    vouched: bool,
     limits: StatusSettings,
 ) -> Status:
     """The status of a belief.
@@ -32,6 +33,8 @@ def status_of(
         If the last answer was sure: where odometry led from its pose, and how surely. Metres, radians, degrees.
     known : bool
         Whether the pose was known before; who never knew it cannot be lost.
+    vouched : bool
+        Whether a start pose, or an image that was sure enough of itself, stands behind the belief.
     limits : StatusSettings
     """
     best = clusters[0]
@@ -39,7 +42,7 @@ def status_of(
     if known and (unfit or (expected is not None and _is_refuted(best, expected, limits))):
         return Status.LOST
     compact = best.spread_m < limits.converged_spread_m and best.spread_deg < limits.converged_spread_deg
-    if best.mass > limits.converged_mass and compact:
+    if best.mass > limits.converged_mass and compact and vouched:
         return Status.CONVERGED
     if sum(cluster.mass > limits.ambiguous_mass for cluster in clusters) >= 2:
         return Status.AMBIGUOUS

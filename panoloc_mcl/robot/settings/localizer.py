@@ -220,6 +220,11 @@ class StatusSettings(StrictModel):
     converged_mass: Share = Field(0.8, description="Converged: the largest cluster holds more than this share of the weight, …")
     converged_spread_m: Positive = Field(0.5, le=1e3, description="… spreads less than this (standard deviation), m, …")
     converged_spread_deg: Positive = Field(10.0, le=180.0, description="… and less than this, degrees.")
+    converged_confidence: Share = Field(
+        0.75,
+        description="To become converged, an image must have been seen whose pose is right with at least this probability, where the "
+        "map can tell: several doubtful images that agree may all be wrong alike, as outside the mapped part.",
+    )
     ambiguous_mass: Share = Field(0.2, description="Ambiguous: two or more clusters hold more than this share each.")
     lost_match: Share = Field(
         0.05,
