@@ -1,6 +1,6 @@
 """A real route through a wood as a data set: 455 training panoramas and 94 queries of one robot, 120 x 25 pixels.
 
-    python scripts/real_woodland.py OUT [--source CHECKOUT] [--every K] [--min-step METRES] [--scale N]
+    python scripts/real_woodland.py OUT [--source CHECKOUT] [--every K] [--min-step METRES] [--scale N] [--bridged]
 
 Recordings of Knight et al., "Insect-Inspired Visual Navigation On-Board an Autonomous Robot" (ALIFE 2019), from the public repository
 BrainsOnBoard/alife_outdoor_navigation_paper, fetched with git unless --source names a checkout. That repository has no licence: use the
@@ -8,7 +8,9 @@ data for measurements on your own machine, and pass nothing of it on.
 
 What is known of it: panoramas unwrapped linearly in the radius of an upward fisheye, elevation -27.5 to 90 degrees by its settings;
 forward is column 59, and content moves to smaller columns when the robot turns left. Positions come from a video camera on a tripod and
-are good to about 9 cm; errors are correlated, so medians that differ by 2 cm cannot be told apart. Headings were not measured: those
+are good to about 9 cm; errors are correlated, so medians that differ by 2 cm cannot be told apart. During the queries the robot was
+out of sight seven times, for 9 to 21 seconds each: 36 of the 94 images have a true position; --bridged puts the others on straight
+lines between. Headings were not measured: those
 of the references are made to agree from image to image, with the track's direction as their mean; those of the queries are the track's
 direction and wrong wherever the robot stands. The camera's height is read off a photograph. No odometry was recorded.
 """
@@ -43,6 +45,8 @@ COLUMNS, HEADING_COLUMN, ELEVATIONS_DEG, HEIGHT_M = 120, 59.0, (-27.5, 90.0), 0.
 NEAR_M, ANCHOR, MOVING_M = 0.35, 0.02, 0.1
 # The track of the queries was recorded in shares of a picture, and is at fault later on.
 PICTURE_CM, LAST_QUERY_S = (240.0, 1290.0), 138.0
+# Longer without a position, the robot was out of sight.
+OUT_OF_SIGHT_S = 1.0
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -53,20 +57,22 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--every", type=int, default=1, metavar="K", help="every K-th reference only")
     parser.add_argument("--min-step", type=float, default=0.0, metavar="METRES", help="references at least so far apart")
     parser.add_argument("--scale", type=int, default=1, metavar="N", help="images enlarged N times")
+    parser.add_argument("--bridged", action="store_true", help="true positions also while the robot was out of sight")
     arguments = parser.parse_args(words)
     try:
         if min(arguments.every, arguments.scale) < 1:
             raise ConfigError("--every and --scale: must be at least 1")
         with tempfile.TemporaryDirectory() as folder:
             source = arguments.source or _fetched(Path(folder))
-            print(convert(source / "scripts", arguments.out, arguments.every, arguments.min_step, arguments.scale))
+            chosen = arguments.every, arguments.min_step, arguments.scale, arguments.bridged
+            print(convert(source / "scripts", arguments.out, *chosen))
     except PanolocError as error:
         print("\n".join(f"error: {fault}" for fault in error.faults), file=sys.stderr)
         return 2
     return 0
 
 
-def convert(source: Path, out: Path, every: int, min_step: float, scale: int) -> Path:
+def convert(source: Path, out: Path, every: int, min_step: float, scale: int, bridged: bool = False) -> Path:
     """Write the data set; ``source`` is the folder that holds robot_data and tracking_data."""
     times, names = _frames(source, "training")
     track = _smoothed(_track(source, "training_path_scaled"))
@@ -101,7 +107,9 @@ def convert(source: Path, out: Path, every: int, min_step: float, scale: int) ->
     track[:, 1], track[:, 2] = PICTURE_CM[0] * track[:, 1], PICTURE_CM[1] * (0.01 - track[:, 2])
     track = _smoothed(track)
     truth = np.column_stack([_at(track, times), _directions(track, times)[0]])
-    writer.add_sequence("run1", times, (_image(source, name, scale) for name in names), groundtruth=Trajectory(times, truth))
+    seen = np.ones(len(times), dtype=np.bool_) if bridged else _in_sight(track, times)
+    images = (_image(source, name, scale) for name in names)
+    writer.add_sequence("run1", times, images, groundtruth=Trajectory(times[seen], truth[seen]))
     return writer.finish()
 
 
@@ -167,8 +175,17 @@ def _at(track: Float64, times: Float64) -> Float64:
 
 
 def _smoothed(track: Float64, sigma_s: float = 0.25) -> Float64:
+    """Each stretch by itself: where the robot went while it was out of sight must not move where it was seen."""
     step = float(np.median(np.diff(track[:, 0])))
-    return np.column_stack([track[:, 0], gaussian_filter1d(track[:, 1:], sigma_s / step, axis=0, mode="nearest")])
+    stretches = np.split(track, np.flatnonzero(np.diff(track[:, 0]) > OUT_OF_SIGHT_S) + 1)
+    smooth = [gaussian_filter1d(stretch[:, 1:], sigma_s / step, axis=0, mode="nearest") for stretch in stretches]
+    return np.column_stack([track[:, 0], np.concatenate(smooth)])
+
+
+def _in_sight(track: Float64, times: Float64) -> NDArray[np.bool_]:
+    """Which times (n,) lie between two positions that follow on each other."""
+    after = np.clip(np.searchsorted(track[:, 0], times), 1, len(track) - 1)
+    return np.asarray(track[after, 0] - track[after - 1, 0] <= OUT_OF_SIGHT_S)
 
 
 def _directions(track: Float64, times: Float64, half_s: float = 1.0) -> tuple[Float64, Float64]:

@@ -35,7 +35,8 @@ class References:
     poses_of : str
         ``base`` or ``camera``.
     sds : ndarray of float64, shape (n, 2), optional
-        Standard deviations of position (each axis, metres) and heading (radians); NaN where they are not known.
+        Standard deviations of position (each axis, metres) and heading (radians); NaN where nobody says; that of a heading that
+        is not known at all is without end.
     rows : (int, int), optional
         First row to use of the panoramas, and the one after the last; all if left out.
     """

@@ -183,7 +183,7 @@ def _judged(runs: Runs) -> list[tuple[SequenceRecord, Answers | None]]:
         if judged is not None:
             known = record.has_truth
             said = runs.answers[index] if runs.answers else None
-            pairs.append((judged, None if said is None else Answers(said.poses[known], said.confidence[known])))
+            pairs.append((judged, None if said is None else said.of(known)))
     return pairs
 
 

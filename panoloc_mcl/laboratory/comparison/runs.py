@@ -17,7 +17,7 @@ from panoloc_mcl.tools.evaluation import SequenceRecord
 from panoloc_mcl.tools.evaluation.definitions import STATUSES
 from panoloc_mcl.tools.report.sinks import Departure, Frame, NullSink
 
-FORMAT = "panoloc-cell/3"
+FORMAT = "panoloc-cell/4"
 # Of a record, in the file of a cell; besides them status and truth.
 _ARRAYS = ("times", "poses", "best_place", "step_ms", "kidnapped")
 
@@ -32,10 +32,17 @@ class Answers:
         The base's pose that the image gives by itself, nothing known; NaN where it says nothing.
     confidence : float64 (n,)
         Probability that it is right; NaN where the model does not know.
+    guesses : float64 (n, 3)
+        The best guess, of images that fit nowhere, too (`Estimate.best_guess`); NaN where there is none at all.
     """
 
     poses: FloatArray
     confidence: FloatArray
+    guesses: FloatArray
+
+    def of(self, rows: NDArray[np.bool_]) -> Answers:
+        """Some of the images."""
+        return Answers(self.poses[rows], self.confidence[rows], self.guesses[rows])
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +85,7 @@ class Overheard(NullSink):
 
     def __init__(self) -> None:
         self.answers: list[Answers] = []
-        self._rows: list[tuple[FloatArray, float]] = []
+        self._rows: list[tuple[FloatArray, float, FloatArray]] = []
 
     def begin(self, departure: Departure) -> None:
         """A run begins."""
@@ -90,12 +97,12 @@ class Overheard(NullSink):
         pose, confidence = (np.full(3, np.nan), np.nan) if field is None else (_said(field), field.confidence)
         # An image tells where the camera is; records are of the base.
         pose = frame.unwrapper.camera.mounting.base_poses(pose)
-        self._rows.append((pose, confidence))
+        guess = frame.estimate.best_guess
+        self._rows.append((pose, confidence, np.full(3, np.nan) if guess is None else guess.pose))
 
     def end(self, record: SequenceRecord) -> None:
         """A run is over."""
-        poses, confidence = (np.array(part, dtype=np.float64) for part in zip(*self._rows, strict=True))
-        self.answers.append(Answers(poses, confidence))
+        self.answers.append(Answers(*(np.array(part, dtype=np.float64) for part in zip(*self._rows, strict=True))))
 
 
 def _said(field: VoteField) -> FloatArray:
@@ -156,7 +163,7 @@ def read_runs(path: Path, key: str) -> Runs:
                 )
             )
             if f"{index}.answers.poses" in arrays:
-                own = {entry: arrays[f"{index}.answers.{entry}"] for entry in ("poses", "confidence")}
+                own = {entry: arrays[f"{index}.answers.{entry}"] for entry in ("poses", "confidence", "guesses")}
                 answers.append(Answers(**own))
         return Runs(tuple(records), np.asarray(arrays["places"], dtype=np.float64), tuple(answers))
     except (OSError, ValueError, LookupError, ResultsError) as error:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from panoloc_mcl import __version__
+from panoloc_mcl.laboratory.comparison.images import single_images
 from panoloc_mcl.laboratory.comparison.pooling import PAIRED, Difference, Group
 from panoloc_mcl.laboratory.comparison.reality import has_imperfections, imperfections
 from panoloc_mcl.laboratory.comparison.tables import Entry, Kind, Row
@@ -64,6 +65,19 @@ def render_summary(
             "position error over its claimed variance, 1 is right and more too sure; within 2 sd: 86.5 % should be.",
             "",
             *imperfections(entries),
+            "",
+        ]
+    alone = single_images(entries, found[0].baseline if found else None)
+    if alone:
+        lines += [
+            "## Single images",
+            "",
+            "Lights pooled, every image once. The best guess of each image, nothing known: right within 1 m whatever the heading; "
+            "Wilson's interval, Newcombe's for the difference to the baseline, bootstrap for the quantiles, all over images: those of "
+            "one drive err alike, so other drives may differ by more. Filter: its status, and its position where it is converged; "
+            "sure and wrong: converged and off by more than 1 m.",
+            "",
+            *alone,
             "",
         ]
     lines += ["## Figures", "", *figures(groups), ""]

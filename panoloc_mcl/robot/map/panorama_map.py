@@ -24,6 +24,7 @@ from panoloc_mcl.robot.camera import Camera, PanoramaGeometry, Unwrapper, camera
 from panoloc_mcl.robot.errors import MapError, PanolocError
 from panoloc_mcl.robot.files import known_errors, write_atomically
 from panoloc_mcl.robot.map.drives import Drive
+from panoloc_mcl.robot.map.headings import with_headings
 from panoloc_mcl.robot.map.keyframes import Keyframes
 from panoloc_mcl.robot.map.mapping import map_drives
 from panoloc_mcl.robot.map.mending import Mended, mend
@@ -127,9 +128,11 @@ class PanoramaMap:
             def as_compared(references: ReferencePanoramas) -> ReferencePanoramas:
                 return references_at(references, resolution_of(references, observation.votes, threads))
 
-            source, left_out = explained(dataset.references, observation.votes, as_compared, threads)
-            mended = mend(source, observation.votes, settings or MapSettings(), progress)
-        mended = replace(mended, notes=(*left_out, *mended.notes))
+            settings = settings or MapSettings()
+            source, turned = with_headings(dataset.references, observation.votes, settings, progress, threads)
+            source, left_out = explained(source, observation.votes, as_compared, threads)
+            mended = mend(source, observation.votes, settings, progress)
+        mended = replace(mended, notes=(*turned, *left_out, *mended.notes))
         return cls.of_keyframes(dataset.name, mended, observation, seed, progress)
 
     @classmethod

@@ -59,7 +59,8 @@ def reference_fit(references: References) -> Fit | None:
     """The reading of references that fits far better than what is written; None if none does."""
     poses = references.poses
     pairs, distances = _neighbours(poses)
-    if not pairs:
+    if not pairs or (references.sds is not None and np.isinf(references.sds[:, 1]).any()):
+        # Without headings, none of the other conventions shows.
         return None
     views = Views(references.camera, references.image_size, references.files)
     usable = views.usable(pairs)

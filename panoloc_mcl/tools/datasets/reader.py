@@ -180,14 +180,19 @@ def _read_references(
     if not folder.is_dir():
         faults.append(f"{folder}: no such folder; add the reference images and their poses.csv")
         return None
-    table = read_image_table(folder / "poses.csv", ("x", "y", "theta"), None, faults, folder.parent, ("sd_xy", "sd_theta"))
+    table = read_image_table(
+        folder / "poses.csv", ("x", "y"), None, faults, folder.parent, ("sd_xy", "sd_theta"), unknown=("theta",)
+    )
     seen_by = _folder_camera(folder, camera, faults)
     size = _common_size(folder, table.files, faults) if table is not None else None
     if table is None or seen_by is None or size is None or not _fits(folder, seen_by, size, shared, faults):
         return None
     poses_of = info.references.poses_of if info is not None else "base"
     poses, sds = table.numbers[:, :3].copy(), table.numbers[:, 3:].copy()
-    known = sds if np.isfinite(sds).any() else None
+    # A heading that is not given may be any: the map finds it.
+    unknown = np.isnan(poses[:, 2])
+    poses[unknown, 2], sds[unknown, 1] = 0.0, np.inf
+    known = None if np.isnan(sds).all() else sds
     return References(folder, table.files, poses, seen_by, size, poses_of, known)
 
 

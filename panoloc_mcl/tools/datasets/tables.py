@@ -41,6 +41,7 @@ def read_image_table(
     faults: list[str],
     root: Path | None = None,
     optional: tuple[str, ...] = (),
+    unknown: tuple[str, ...] = (),
 ) -> ImageTable | None:
     """Read a CSV file with a column ``file`` and columns of numbers, in any order.
 
@@ -52,7 +53,9 @@ def read_image_table(
     rising : str or None
         A column that must strictly increase.
     optional : tuple of str
-        Further columns of positive numbers, which may be missing or empty.
+        Further columns of positive numbers, which may be missing or empty; they come last.
+    unknown : tuple of str
+        Columns of any numbers, which may be missing or empty; they come after ``columns``.
     faults : list of str
         Gets a line for every fault: missing file or column, unknown column, values that are no finite numbers, images that
         do not exist, are named twice or lie elsewhere, values that do not increase.
@@ -67,7 +70,7 @@ def read_image_table(
     try:
         text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
-        faults.append(f"{path}: no such file; add it with the columns {', '.join(('file', *columns))}")
+        faults.append(f"{path}: no such file; add it with the columns {', '.join(('file', *columns, *unknown))}")
         return None
     except (OSError, ValueError) as error:
         faults.append(f"{path}: cannot be read ({error}); check permissions and encoding (UTF-8)")
@@ -80,7 +83,7 @@ def read_image_table(
         faults.append(f"{path}:{reader.line_num}: not valid CSV ({error}); close the quotes")
         return None
     header = [name.strip() for name in (lines.pop(0)[1] if lines else [])]
-    found = _header_faults(path, header, ("file", *columns), optional)
+    found = _header_faults(path, header, ("file", *columns), (*unknown, *optional))
     if found:
         faults.extend(found)
         return None
@@ -97,6 +100,9 @@ def read_image_table(
             found.append(f"{where}: {len(fields)} values; must be {len(header)}: {','.join(header)}")
             continue
         row = [_number(fields[place[name]], name, where, found) for name in columns]
+        for name in unknown:
+            text = fields[place[name]] if name in place else ""
+            row.append(_number(text, name, where, found) if text.strip() else math.nan)
         row += [_positive(fields[place[name]] if name in place else "", name, where, found) for name in optional]
         name = fields[place["file"]].strip()
         _check_file(path.parent, root or path.parent, name, where, first_line, line, found)

@@ -185,6 +185,8 @@ def _write_poses(folder: Path, files: list[str], poses: NDArray[np.float64], sds
     table = poses
     if sds is not None:
         columns, table = (*columns, "sd_xy", "sd_theta"), np.column_stack([poses, sds])
+        # A heading that is not known is none.
+        table[np.isinf(table[:, 4])[:, None] & np.array([False, False, True, False, True])] = np.nan
     rows = [
         (file, *("" if np.isnan(value) else repr(float(value)) for value in row))
         for file, row in zip(files, table, strict=True)

@@ -16,7 +16,7 @@ def watched(entry, poses=None, sd=0.01, alone=None, **record):
     record = before if poses is None else replace(before, poses=poses(before.truth))
     record = replace(record, covariances=np.tile(np.diag([sd, sd, sd]) ** 2, (len(record), 1, 1)))
     single = record.truth.copy() if alone is None else alone(record.truth)
-    return Watched(0, record, Answers(single, np.ones(len(record))))
+    return Watched(0, record, Answers(single, np.ones(len(record)), single))
 
 
 def cells(entry, runs):

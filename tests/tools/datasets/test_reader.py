@@ -6,7 +6,7 @@ import pytest
 
 from panoloc_mcl.robot.camera import OmniCamera, PanoramaCamera
 from panoloc_mcl.robot.errors import DatasetError
-from panoloc_mcl.tools.datasets import check_dataset, read_dataset, write_image
+from panoloc_mcl.tools.datasets import check_dataset, copy_dataset, read_dataset, write_image
 
 SHARED = Path(__file__).parents[4] / "shared" / "data"
 SEQUENCE = "sequences/noon_00"
@@ -45,7 +45,7 @@ FAULTS: list[tuple[Callable[[Path], None], str, list[str]]] = [
         "dataset.yaml",
         ["camera.columns = 'left'", "'clockwise'"],
     ),
-    (replace("references/poses.csv", ",theta", ""), "poses.csv:1", ["column 'theta' is missing", "file,x,y,theta"]),
+    (replace("references/poses.csv", ",y", ""), "poses.csv:1", ["column 'y' is missing", "file,x,y,theta"]),
     (replace("references/poses.csv", "theta", "theta,z"), "poses.csv:1", ["unknown column 'z'"]),
     (replace("references/poses.csv", "1.0,0.0,0.0", "nan,0.0,0.0"), "poses.csv:3", ["x = nan", "mend or drop"]),
     (replace("references/poses.csv", "1.0,0.0,0.0", "one,0.0,0.0"), "poses.csv:3", ["x = 'one' is not a number"]),
@@ -150,6 +150,20 @@ def test_standard_deviations_of_poses_are_optional(room: Path) -> None:
     sds = read_dataset(room).references.sds
     assert sds is not None
     np.testing.assert_array_equal(sds, [[0.02, 0.1], [0.05, np.nan]])
+
+
+@pytest.mark.parametrize("table", ["file,x,y\nref_000.png,1,2\n", "file,x,y,theta,sd_theta\nref_000.png,1,2,,\n"])
+def test_headings_may_be_missing(room: Path, table: str) -> None:
+    (room / "references/poses.csv").write_text(table)
+    dataset = read_dataset(room)
+    assert np.array_equal(dataset.references.poses, [[1.0, 2.0, 0.0]])
+    assert dataset.references.sds is not None
+    assert np.isinf(dataset.references.sds[0, 1])
+    # And stay so where the data set is written again.
+    again = read_dataset(copy_dataset(dataset, room.parent / "again")).references
+    assert again.sds is not None
+    assert np.isinf(again.sds[0, 1])
+    assert np.array_equal(again.poses, dataset.references.poses)
 
 
 def test_select(room: Path) -> None:
