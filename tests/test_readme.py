@@ -69,10 +69,10 @@ def test_the_program_of_a_robot_runs(small_room, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["follow.py", str(tmp_path / "room.panomap"), str(small_room.path)])
     exec(compile(program, "follow.py", "exec"), {"__name__": "__main__"})
     first = capsys.readouterr().out
-    assert first.startswith("nothing is known\n")
+    assert first.startswith("no saved state: global localization\n")
     assert first.count("converged") >= 10
     exec(compile(program, "follow.py", "exec"), {"__name__": "__main__"})
-    assert capsys.readouterr().out.startswith("goes on where it was\n")
+    assert capsys.readouterr().out.startswith("resumed from the saved state\n")
 
 
 @pytest.mark.slow
