@@ -22,6 +22,7 @@ from panoloc_mcl.robot.interface.starting import make_filter, start_of
 from panoloc_mcl.robot.locks import Lock, locked
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.motion import Anchor, ImageClock, Motion, OdometryBuffer, blind, planar_pose, seconds
+from panoloc_mcl.robot.motion.pace import Pace, paced
 from panoloc_mcl.robot.observation import ObservationModel, Places, VoteField
 from panoloc_mcl.robot.observation.field import Guess, silent_field
 from panoloc_mcl.robot.reasons import Finding, Reason
@@ -90,6 +91,7 @@ class Localizer(SavedState):
         self._filter = make_filter(self.settings, self._observation.places, start, rng)
         self._clock = ImageClock(self.settings.motion, self._odometry)
         self._sightings = self._new_sightings(start)
+        self._pace: Pace | None = None
         self._reported: dict[str, int] = {}
         # The next image counts whatever the motion gate says.
         self._forced = False
@@ -181,7 +183,8 @@ class Localizer(SavedState):
                 self._filter.update(votes, offset)
             self._clock.fuse(timestamp)
             self._forced = False
-            return self._estimate([set_back, note, found], votes, stage_ms, late=offset is not None)
+            hurry = self._hurry(timestamp, votes, motion if offset is None else None)
+            return self._estimate([set_back, note, found, hurry], votes, stage_ms, late=offset is not None)
 
     @property
     def particles(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -259,6 +262,17 @@ class Localizer(SavedState):
         self.images_skipped += 1
         self._sightings.left_out(reason)
         return votes, Finding(votes.problem, reason)
+
+    def _hurry(self, timestamp: float, votes: VoteField, motion: Motion | None) -> Finding:
+        """Whether sure images say, where no odometry is known, that the robot drives faster than is believed."""
+        measured = votes.measurement
+        if motion is None or measured is None or not votes.confidence >= self.settings.status.converged_confidence:
+            return Finding()
+        spread = math.sqrt(float(np.linalg.eigvalsh(measured.covariance[:2, :2])[-1]))
+        before = self._pace if motion.blind_s > 0.5 * motion.duration_s else None
+        limit = self.settings.motion.image_only_speed_m_s
+        self._pace, told = paced(before, timestamp, measured.pose[:2].tolist(), spread, limit)
+        return told
 
     def _estimate(
         self, findings: list[Finding], votes: VoteField | None, stage_ms: dict[str, float], late: bool = False

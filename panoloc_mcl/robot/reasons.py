@@ -13,7 +13,8 @@ class Reason(StrEnum):
     or without texture. FITS_NOWHERE: shows nothing of the map. STAMP_INVALID, STAMP_UNIT, STAMP_TWICE, STAMP_LATE, STAMP_AHEAD: an
     image was left out for its time stamp. CLOCK_JUMPED, CLOCK_SET_BACK, STREAM_LOOPED: time began anew. ODOMETRY_LEFT_OUT: some
     odometry could not be used. NOTHING_COUNTED: no image has counted for too long. POSE_OUTDATED: odometry has left the pose of the
-    last image that counted. MAP_CANNOT_TELL: the map alone cannot tell this pose from others.
+    last image that counted. MAP_CANNOT_TELL: the map alone cannot tell this pose from others. FASTER_THAN_BELIEVED:
+    without odometry, images put the robot farther on than it can have driven.
     """
 
     IMAGE_UNUSABLE = "image_unusable"
@@ -31,6 +32,7 @@ class Reason(StrEnum):
     NOTHING_COUNTED = "nothing_counted"
     POSE_OUTDATED = "pose_outdated"
     MAP_CANNOT_TELL = "map_cannot_tell"
+    FASTER_THAN_BELIEVED = "faster_than_believed"
 
     @property
     def remedy(self) -> str:
@@ -54,6 +56,7 @@ _REMEDIES = {
     Reason.NOTHING_COUNTED: "look at the reasons of the images before",
     Reason.POSE_OUTDATED: "stamp images and odometry with one clock",
     Reason.MAP_CANNOT_TELL: "drive on, or add references off their line",
+    Reason.FASTER_THAN_BELIEVED: "raise localizer.motion.image_only_speed_m_s",
 }
 
 

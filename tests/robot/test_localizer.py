@@ -10,6 +10,7 @@ from panoloc_mcl.robot.filters import Estimate, Status
 from panoloc_mcl.robot.geometry import angle_difference
 from panoloc_mcl.robot.localizer import Localizer
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
+from panoloc_mcl.robot.reasons import Reason
 from panoloc_mcl.robot.settings.localizer import InitialPose, LocalizerSettings
 from panoloc_mcl.tools.config.model import RunConfig
 from panoloc_mcl.tools.datasets import Dataset, read_image
@@ -278,6 +279,17 @@ def test_without_odometry_it_still_answers(localizer: Localizer, drive: Drive) -
         estimate = localizer.add_image(time, image)
         assert np.isfinite(estimate.pose).all()
         assert estimate.message == ""
+
+
+def test_without_odometry_a_fast_robot_is_asked_for_its_speed(panorama_map: PanoramaMap, drive: Drive) -> None:
+    # Every image's own word counts here, however doubtful in pictures as small as these.
+    sure = {"status": {"converged_confidence": 0.0}, "motion": {"image_only_speed_m_s": 0.01}}
+    localizer = Localizer(panorama_map, RunConfig.model_validate({"localizer": sure}))
+    times = (drive.times - drive.times[0]) * 0.1
+    told = [localizer.add_image(time, image) for time, image in zip(times, drive.images, strict=True)]
+    assert any(Reason.FASTER_THAN_BELIEVED in e.reasons and "image_only_speed_m_s" in e.message for e in told)
+    with_odometry = drive.play(Localizer(panorama_map, RunConfig.model_validate({"localizer": sure})))
+    assert not any(Reason.FASTER_THAN_BELIEVED in e.reasons for e in with_odometry)
 
 
 def test_one_model_serves_several_localizers(panorama_map: PanoramaMap, drive: Drive) -> None:

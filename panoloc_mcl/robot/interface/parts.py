@@ -7,6 +7,7 @@ from panoloc_mcl.robot.filters import PoseFilter, Sightings, Start, Status, tell
 from panoloc_mcl.robot.locks import Lock
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.motion import Anchor, ImageClock, OdometryBuffer
+from panoloc_mcl.robot.motion.pace import Pace
 from panoloc_mcl.robot.observation import ObservationModel
 from panoloc_mcl.robot.settings.config import LocalizerConfig
 from panoloc_mcl.robot.settings.localizer import LocalizerSettings
@@ -40,6 +41,7 @@ class Parts:
     _forced: bool
     _images: int
     _gated: int
+    _pace: Pace | None
     _reported: dict[str, int]
     # Images are worked off one at a time; neither odometry nor `pose_at` waits for them.
     _lock: Lock

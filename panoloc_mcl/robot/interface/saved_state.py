@@ -18,12 +18,12 @@ from panoloc_mcl.robot.locks import locked
 from panoloc_mcl.robot.motion import Anchor, ImageClock, OdometryBuffer
 from panoloc_mcl.robot.settings.config import LocalizerConfig
 
-FORMAT = "panoloc-state/6"
+FORMAT = "panoloc-state/7"
 
 Arrays = Mapping[str, NDArray[Any]]
 
 # Of the localizer, besides its parts.
-_REMEMBERED = ("_reported", "_forced", "_has_fix", "_images", "_gated", "_begun_anew", "images_skipped")
+_REMEMBERED = ("_pace", "_reported", "_forced", "_has_fix", "_images", "_gated", "_begun_anew", "images_skipped")
 
 
 class SavedState(Steering):
