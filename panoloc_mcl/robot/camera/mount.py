@@ -17,6 +17,9 @@ Angle = Annotated[float, Field(ge=-360.0, le=360.0)]
 
 _FAR_M = 1.0
 
+#: From the axes of an image (x right, y down, z ahead) to those of a body (x ahead, y left, z up).
+OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+
 
 def rotation(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Float64:
     """From the axes of something mounted to those it is mounted on: ``Rz(yaw) Ry(pitch) Rx(roll)``, float64 (3, 3).
@@ -31,6 +34,14 @@ def rotation(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Float64:
             [-sp, cp * sr, cp * cr],
         ]
     )
+
+
+def angles_deg(turned: Float64) -> tuple[float, float, float]:
+    """Yaw, pitch and roll, degrees, that `rotation` makes a float64 (3, 3) of."""
+    pitch = math.asin(min(max(-float(turned[2, 0]), -1.0), 1.0))
+    yaw, roll = math.atan2(turned[1, 0], turned[0, 0]), math.atan2(turned[2, 1], turned[2, 2])
+    # Zero is zero, and not what rounding leaves of it.
+    return tuple(round(math.degrees(angle), 9) + 0.0 for angle in (yaw, pitch, roll))  # type: ignore[return-value]
 
 
 class Mount(StrictModel):

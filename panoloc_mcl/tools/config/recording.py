@@ -15,7 +15,11 @@ Topic = Annotated[str, Field(min_length=1, max_length=200)]
 class RecordingSettings(StrictModel):
     """Recordings (bags, videos, folders of images): where what is in them."""
 
-    image_topic: Topic | None = Field(None, description="Topic of the images; null = the only one there is.")
+    image_topic: Topic | tuple[Topic, Topic] | None = Field(
+        None,
+        description="Topic of the images; null = the only one there is. Two, `[front, back]`: of two fisheyes that are triggered "
+        "together; their images are joined from left to right (camera kind `fisheye_pair`).",
+    )
     odometry_topic: Topic | None = Field(
         None,
         description="Topic of odometry (nav_msgs/Odometry); null = the only one there is, or else the transform `odom` to "

@@ -70,6 +70,8 @@ def _values(annotation: Any) -> str:
         return ", ".join(f"`{value}`" for value in arguments)
     if origin is list:
         return f"list of {_values(arguments[0])}"
+    if origin is tuple:
+        return f"list of {len(arguments)}: {', '.join(_values(argument) for argument in arguments)}"
     return "a mapping, see below" if issubclass(annotation, BaseModel) else _NAMES[annotation]
 
 

@@ -12,7 +12,7 @@ from geometry_msgs.msg import Pose, PoseWithCovarianceStamped, TransformStamped
 
 from panoloc_mcl import Image, Odometry
 from panoloc_mcl.robot.geometry import yaw_from_quaternion
-from panoloc_mcl.tools.datasets.recordings.ros_messages import pixels_of, planar, seconds_of, stamp_ns
+from panoloc_mcl.tools.datasets.recordings.ros.messages import pixels_of, planar, seconds_of, stamp_ns
 
 # x, y and yaw in ROS's six.
 _PLANE = np.ix_([0, 1, 5], [0, 1, 5])

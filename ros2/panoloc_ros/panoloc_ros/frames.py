@@ -13,7 +13,7 @@ from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from panoloc_mcl.tools.datasets.recordings.transforms import Transforms
+from panoloc_mcl.tools.datasets.recordings.ros.transforms import Transforms
 
 try:
     from tf2_msgs.msg import TFMessage

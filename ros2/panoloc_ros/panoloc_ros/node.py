@@ -22,8 +22,8 @@ from std_srvs.srv import Empty
 from panoloc_mcl import Localizer, PanolocError, PanoramaMap, Status
 from panoloc_mcl import Odometry as PanolocOdometry
 from panoloc_mcl.robot.camera.files import read_camera
-from panoloc_mcl.robot.camera.mount import Mount
 from panoloc_mcl.robot.interface.keeper import StateKeeper
+from panoloc_mcl.tools.datasets.recordings.ros.transforms import mount_of
 from panoloc_mcl.tools.live import Answer, Engine
 from panoloc_ros.conversions import (
     given_covariance,
@@ -163,13 +163,12 @@ class PanolocNode(LifecycleNode):
     def _take_mount(self, frame: str) -> None:
         """Where the camera sits, if tf says so; looked up until it does or the first image is answered."""
         base = self.parameters["base_frame_id"]
-        found = self._frames.fixed.between(base, frame.lstrip("/"))
+        found = self._frames.fixed.placed(base, frame.lstrip("/"))
         if found is None or self.localizer is None or self._last is not None:
             return
         self._mount_from_tf = False
-        x, y, yaw = found.poses[0].tolist()
-        mount = Mount(x_m=x, y_m=y, yaw_deg=math.degrees(yaw), far=True)
-        self.get_logger().info(f"camera at x {x:.3f} m, y {y:.3f} m, yaw {math.degrees(yaw):.1f} degrees, by tf")
+        mount = mount_of(*found, frame)
+        self.get_logger().info(f"camera at x {mount.x_m:.3f} m, y {mount.y_m:.3f} m, yaw {mount.yaw_deg:.1f} degrees, by tf")
         camera = self._camera.model_copy(update={"mount": mount})
         self._stop()
         self.localizer = Localizer(self._map, self.parameters.config(), camera=camera)

@@ -15,6 +15,7 @@ from panoloc_mcl.tools.datasets.dataset import Dataset, Sequence
 from panoloc_mcl.tools.datasets.recordings.cold import is_cold, read_cold
 from panoloc_mcl.tools.datasets.recordings.folders import is_folder_of_images, read_folder
 from panoloc_mcl.tools.datasets.recordings.recording import Recording
+from panoloc_mcl.tools.datasets.recordings.ros.hilti import is_hilti, read_hilti
 from panoloc_mcl.tools.datasets.recordings.video import VIDEOS, read_video
 
 __all__ = [
@@ -34,7 +35,7 @@ def is_recording(path: Path) -> bool:
     """Whether a path is a recording in one of these layouts, by its look; not by opening it."""
     if path.is_file():
         return path.suffix.lower() in (*_BAGS, *VIDEOS)
-    return (path / "metadata.yaml").is_file() or is_folder_of_images(path) or is_cold(path)
+    return (path / "metadata.yaml").is_file() or is_hilti(path) or is_folder_of_images(path) or is_cold(path)
 
 
 def read_recording(path: Path, settings: RecordingSettings | None = None) -> Recording:
@@ -48,10 +49,12 @@ def read_recording(path: Path, settings: RecordingSettings | None = None) -> Rec
     settings = settings or RecordingSettings()
     if path.suffix.lower() in VIDEOS:
         return read_video(path)
+    if is_hilti(path):
+        return read_hilti(path, settings)
     if path.is_dir() and not (path / "metadata.yaml").is_file():
         return read_folder(path) if is_folder_of_images(path) else read_cold(path)
     # Here, so that the other layouts do without the extra.
-    from panoloc_mcl.tools.datasets.recordings.ros import read_bag
+    from panoloc_mcl.tools.datasets.recordings.ros.reading import read_bag
 
     return read_bag(path, settings)
 
@@ -63,7 +66,12 @@ def recordings_in(path: Path) -> list[Path]:
     return sorted(entry for entry in path.iterdir() if not entry.name.startswith(".") and is_recording(entry))
 
 
-def sequence_of(path: Path, settings: RecordingSettings | None = None, camera: AnyCamera | None = None) -> Sequence:
+def sequence_of(
+    path: Path,
+    settings: RecordingSettings | None = None,
+    camera: AnyCamera | None = None,
+    otherwise: AnyCamera | None = None,
+) -> Sequence:
     """A recording as a drive.
 
     Parameters
@@ -72,6 +80,8 @@ def sequence_of(path: Path, settings: RecordingSettings | None = None, camera: A
     settings : RecordingSettings, optional
     camera : AnyCamera, optional
         If neither the settings nor a file beside the recording say which.
+    otherwise : AnyCamera, optional
+        If the recording itself does not say it either.
 
     Raises
     ------
@@ -84,15 +94,28 @@ def sequence_of(path: Path, settings: RecordingSettings | None = None, camera: A
     file = next((file for file in beside if file is not None and (file == settings.camera or file.is_file())), None)
     if file is not None:
         camera = read_camera(file)
+    recording = read_recording(path, settings)
+    if camera is None and recording.camera is not None:
+        camera = recording.camera
+        recording.notes.extend(filter(None, [recording.camera_note and f"{path.name}: {recording.camera_note}"]))
+    camera = camera or otherwise
     if camera is None:
         raise DatasetError(
             f"{path}: nothing says which camera this is; set recording.camera to its camera.yaml, put one beside it, or set map"
+            + (f" ({recording.camera_note})" if recording.camera_note else "")
         )
-    return read_recording(path, settings).sequence(camera)
+    return recording.sequence(camera)
 
 
 def dataset_of_recordings(path: Path, settings: RecordingSettings | None, camera: AnyCamera | None) -> Dataset:
     """A recording, or all recordings of a folder, as a data set without references.
+
+    Parameters
+    ----------
+    path : Path
+    settings : RecordingSettings or None
+    camera : AnyCamera or None
+        Of recordings that nothing else is known of.
 
     Raises
     ------
@@ -103,7 +126,7 @@ def dataset_of_recordings(path: Path, settings: RecordingSettings | None, camera
     faults: list[str] = []
     for entry in recordings_in(path) or [path]:
         try:
-            sequence = sequence_of(entry, settings, camera)
+            sequence = sequence_of(entry, settings, otherwise=camera)
             sequences[sequence.name] = sequence
         except DatasetError as error:
             faults.extend(error.faults)

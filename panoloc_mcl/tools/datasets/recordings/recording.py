@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from panoloc_mcl.robot.camera.mount import Mount
 from panoloc_mcl.robot.camera.spec import AnyCamera
 from panoloc_mcl.robot.errors import DatasetError, ImageError
 from panoloc_mcl.robot.images import ImageSource, read_image
@@ -34,6 +35,10 @@ class Recording:
     odometry, truth : Trajectory or None
     notes : list of str
         What the user should know.
+    camera : AnyCamera or None
+        That the recording itself describes; ``camera_note`` says how, if it is used.
+    mount : Mount or None
+        Where the recording has the camera on the robot.
     """
 
     name: str
@@ -43,6 +48,9 @@ class Recording:
     odometry: Trajectory | None = None
     truth: Trajectory | None = None
     notes: list[str] = field(default_factory=list)
+    camera: AnyCamera | None = None
+    camera_note: str = ""
+    mount: Mount | None = None
 
     def sequence(self, camera: AnyCamera) -> Sequence:
         """The drive, its images in order of time, the first of those with one stamp.
@@ -52,6 +60,12 @@ class Recording:
         DatasetError
             No image can be read.
         """
+        if self.mount is not None and camera.mount is None:
+            m = self.mount
+            camera = camera.model_copy(update={"mount": m})
+            self.notes.append(
+                f"{self.path.name}: camera at x {m.x_m:.3f} m, y {m.y_m:.3f} m, yaw {m.yaw_deg:.1f} degrees, by tf"
+            )
         stamps, first = np.unique(self.stamps, return_index=True)
         doubled = len(self.stamps) - len(stamps)
         if doubled:

@@ -1,15 +1,13 @@
 """Every layout gives the drive that was written in it, to the last bit where its images are lossless."""
 
-import shutil
 from pathlib import Path
 
-import av
 import numpy as np
 import pytest
-from bag_writer import Messages, entries, write_ros1, write_ros2
-from mcap.writer import Writer
-from rosbags.rosbag1 import Writer as RosWriter
 
+from panoloc_mcl.laboratory.layouts import LAYOUTS
+from panoloc_mcl.laboratory.layouts.bags import Messages, entries, save_mcap, save_ros1, save_ros2, write_ros1, write_ros2
+from panoloc_mcl.laboratory.layouts.files import write_video
 from panoloc_mcl.robot.errors import DatasetError, ImageError
 from panoloc_mcl.robot.images import read_image
 from panoloc_mcl.tools.cli.main import main
@@ -39,114 +37,48 @@ def assert_same(found: Sequence, drive: Sequence, truth_exact: bool = True) -> N
         assert np.array_equal(read_image(found.files[index]), read_image(drive.files[index]))
 
 
-BAGS = {
-    "ros1.bag": lambda path, drive: write_ros1(path, entries(drive, Messages(True)), Messages(True)),
-    "ros1_lz4.bag": lambda path, drive: write_ros1(path, entries(drive, Messages(True)), Messages(True), "lz4"),
-    "ros2": lambda path, drive: write_ros2(path, entries(drive, Messages(False)), Messages(False)),
-    "ros2_tf": lambda path, drive: write_ros2(path, entries(drive, Messages(False), by_tf=True), Messages(False)),
-    "ros2_mcap": lambda path, drive: write_ros2(path, entries(drive, Messages(False)), Messages(False), "mcap"),
-    "ros2_zstd_message": lambda path, drive: write_ros2(path, entries(drive, Messages(False)), Messages(False), zstd="message"),
-    "ros2_zstd_file": lambda path, drive: write_ros2(path, entries(drive, Messages(False)), Messages(False), zstd="file"),
-    "ros2_png": lambda path, drive: write_ros2(path, entries(drive, Messages(False), ".png"), Messages(False), "mcap"),
+OTHERS = {
+    "ros2_tf": lambda drive, path: write_ros2(drive, path, by_tf=True),
+    "ros2_zstd_file": lambda drive, path: write_ros2(drive, path, zstd="file"),
+    "ros1_bz2": lambda drive, path: write_ros1(drive, path, compression="bz2"),
 }
 
 
-@pytest.mark.parametrize("name", BAGS)
-def test_bags(name: str, drive: Sequence, tmp_path: Path) -> None:
-    path = BAGS[name](tmp_path / name, drive)
-    assert_same(sequence_of(path, camera=drive.camera), drive)
+@pytest.mark.parametrize("name", [*(name for name, layout in LAYOUTS.items() if layout.lossless), *OTHERS])
+def test_a_drive_comes_out_as_it_went_in(name: str, drive: Sequence, tmp_path: Path) -> None:
+    write = OTHERS[name] if name in OTHERS else LAYOUTS[name].write
+    found = sequence_of(write(drive, tmp_path / "walk"), camera=drive.camera)
+    assert found.name == "walk"
+    # In the COLD layout the true poses are those of the images.
+    assert_same(found, drive, truth_exact=name != "cold")
+    assert np.array_equal(found.groundtruth.at(drive.times), drive.groundtruth.at(drive.times))
+
+
+@pytest.mark.parametrize("name", [name for name, layout in LAYOUTS.items() if not layout.lossless])
+def test_lossy_layouts_keep_everything_but_the_last_bits_of_images(name: str, drive: Sequence, tmp_path: Path) -> None:
+    found = sequence_of(LAYOUTS[name].write(drive, tmp_path / "walk"), camera=drive.camera)
+    assert np.array_equal(found.times, drive.times)
+    assert same_track(found.odometry, drive.odometry)
+    for mine, theirs in zip(found.files, drive.files, strict=True):
+        assert np.abs(read_image(mine).astype(float) - read_image(theirs)).mean() < 6.0
 
 
 def test_plain_mcap_and_database_files(drive: Sequence, tmp_path: Path) -> None:
     for storage, ending in (("mcap", ".mcap"), ("sqlite3", ".db3")):
-        folder = write_ros2(tmp_path / storage, entries(drive, Messages(False)), Messages(False), storage)
+        folder = write_ros2(drive, tmp_path / storage, storage=storage)
         assert_same(sequence_of(next(folder.glob(f"*{ending}")), camera=drive.camera), drive)
 
 
-def test_cold(drive: Sequence, tmp_path: Path) -> None:
-    folder = tmp_path / "seq1_cloudy1"
-    (folder / "omni_cam").mkdir(parents=True)
-    (folder / "odom_scans").mkdir()
-    stamps = np.rint(drive.times * 1e6).astype(np.int64)
-    for stamp, pose, file in zip(stamps.tolist(), drive.groundtruth.at(drive.times).tolist(), drive.files, strict=True):
-        name = f"t{stamp // 10**6}.{stamp % 10**6:06d}_x{pose[0]:.6f}_y{pose[1]:.6f}_a{pose[2]:.6f}.png"
-        shutil.copy(file, folder / "omni_cam" / name)
-    lines = []
-    for time, (x, y, a) in zip(drive.odometry.times.tolist(), drive.odometry.poses.tolist(), strict=True):
-        micros = round(time * 1e6)
-        lines.append(f"#ODOM 1 {micros // 10**6} {micros % 10**6} a b c {x!r} {y!r} 0 {a!r} 0 0")
-    (folder / "odom_scans" / "odom.tdf").write_text("\n".join(["# header", *lines]))
-    found = sequence_of(folder, camera=drive.camera)
-    assert found.times == pytest.approx(drive.times, abs=1e-6)
-    assert found.odometry.poses == pytest.approx(drive.odometry.poses)
-    assert found.groundtruth.poses == pytest.approx(drive.groundtruth.at(drive.times), abs=1e-6)
-    assert np.array_equal(read_image(found.files[2]), read_image(drive.files[2]))
-
-
-def write_video(path: Path, drive: Sequence) -> Path:
-    images = [read_image(file) for file in drive.files]
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("ffv1", rate=25)
-        grey = images[0].ndim == 2
-        stream.height, stream.width = images[0].shape[:2]
-        stream.pix_fmt = "gray" if grey else "bgr0"
-        for image in images:
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="gray" if grey else "bgr24")))
-        container.mux(stream.encode())
-    rows = [line.split(",") for line in (drive.path / "frames.csv").read_text().splitlines()]
-    column = rows[0].index("timestamp")
-    (path.parent / f"{path.stem}.frames.csv").write_text("\n".join(row[column] for row in rows))
-    for part in ("odometry", "groundtruth"):
-        shutil.copy(drive.path / f"{part}.tum", path.parent / f"{path.stem}.{part}.tum")
-    return path
-
-
-def test_a_video_with_tables_beside_it(drive: Sequence, tmp_path: Path) -> None:
-    found = sequence_of(write_video(tmp_path / "drive.mkv", drive), camera=drive.camera)
-    assert_same(found, drive)
-    odometry = zip(drive.odometry.times.tolist(), drive.odometry.poses.tolist(), strict=True)
-    rows = ["time,x,y,yaw", *(f"{t!r},{x!r},{y!r},{a!r}" for t, (x, y, a) in odometry)]
-    (tmp_path / "drive.odometry.tum").unlink()
-    (tmp_path / "drive.csv").write_text("\n".join(rows))
+def test_a_video_may_have_its_odometry_beside_it_as_tum(drive: Sequence, tmp_path: Path) -> None:
+    write_video(drive, tmp_path / "drive", odometry="tum")
+    assert same_track(read_recording(tmp_path / "drive.mkv").odometry, drive.odometry)
+    (tmp_path / "drive.odometry.tum").rename(tmp_path / "drive.tum")
     assert same_track(read_recording(tmp_path / "drive.mkv").odometry, drive.odometry)
 
 
-def test_a_folder_of_images_named_by_time(drive: Sequence, tmp_path: Path) -> None:
-    folder = tmp_path / "walk"
-    (folder / "images").mkdir(parents=True)
-    rows = [line.split(",") for line in (drive.path / "frames.csv").read_text().splitlines()]
-    for row, file in zip(rows[1:], drive.files, strict=True):
-        shutil.copy(file, folder / "images" / f"{row[rows[0].index('timestamp')]}{file.suffix}")
-    for part in ("odometry", "groundtruth"):
-        shutil.copy(drive.path / f"{part}.tum", folder / f"{part}.tum")
-    assert_same(sequence_of(folder, camera=drive.camera), drive)
-
-
 def many_chunks(path: Path, drive: Sequence, ros1: bool) -> Path:
-
     ros = Messages(ros1)
-    found = list(entries(drive, ros))
-    if ros1:
-        with RosWriter(path) as writer:
-            writer.chunk_threshold = 1 << 12
-            kinds = {topic: kind for _, topic, kind, _ in found}
-            topics = {topic: writer.add_connection(topic, kind, typestore=ros.store) for topic, kind in kinds.items()}
-            for stamp, topic, kind, message in found:
-                writer.write(topics[topic], stamp, ros.store.serialize_ros1(message, kind))
-        return path
-    with path.open("wb") as stream:
-        writer2 = Writer(stream, chunk_size=1 << 12)
-        writer2.start(profile="ros2")
-        channels: dict[str, int] = {}
-        for stamp, topic, kind, message in found:
-            if topic not in channels:
-                definition, _ = ros.store.generate_msgdef(kind, ros_version=2)
-                schema = writer2.register_schema(name=kind, encoding="ros2msg", data=definition.encode())
-                channels[topic] = writer2.register_channel(topic=topic, message_encoding="cdr", schema_id=schema)
-            raw = bytes(ros.store.serialize_cdr(message, kind))
-            writer2.add_message(channels[topic], log_time=stamp, publish_time=stamp, data=raw)
-        writer2.finish()
-    return path
+    return (save_ros1 if ros1 else save_mcap)(path, entries(drive, ros), ros, chunk=1 << 12)
 
 
 @pytest.mark.parametrize("ending", [".bag", ".mcap"])
@@ -175,7 +107,7 @@ def test_encodings(encoding: str, dtype: type, channels: int, drive: Sequence, t
     pixels = pixels[..., 0] if channels == 1 else pixels
     sent = pixels[..., ::-1] if encoding.startswith("rgb") else pixels
     found = [(1, "/image", "sensor_msgs/msg/Image", ros.image(10**9, np.ascontiguousarray(sent), encoding))]
-    sequence = sequence_of(write_ros2(tmp_path / "bag", iter(found), ros), camera=drive.camera)
+    sequence = sequence_of(save_ros2(tmp_path / "bag", found, ros), camera=drive.camera)
     assert np.array_equal(read_image(sequence.files[0]), pixels)
 
 
@@ -188,15 +120,13 @@ def test_bayer_patterns(pattern: str, drive: Sequence, tmp_path: Path) -> None:
         np.array([[colour[pattern[0]], colour[pattern[1]]], [colour[pattern[2]], colour[pattern[3]]]], np.uint8), (4, 4)
     )
     found = [(1, "/image", "sensor_msgs/msg/Image", ros.image(10**9, raw, f"bayer_{pattern}8"))]
-    sequence = sequence_of(write_ros2(tmp_path / "bag", iter(found), ros), camera=drive.camera)
+    sequence = sequence_of(save_ros2(tmp_path / "bag", found, ros), camera=drive.camera)
     assert read_image(sequence.files[0])[4, 4].tolist() == [50, 100, 200]
 
 
 def bag_of(tmp_path: Path, *found) -> Path:
     ros = Messages(False)
-    return write_ros2(
-        tmp_path / "bag", iter([(n + 1, topic, kind, make(ros)) for n, (topic, kind, make) in enumerate(found)]), ros
-    )
+    return save_ros2(tmp_path / "bag", ([(n + 1, topic, kind, make(ros)) for n, (topic, kind, make) in enumerate(found)]), ros)
 
 
 def image(stamp: int = 10**9, **fields):
@@ -274,7 +204,7 @@ def test_convert_writes_a_data_set(small_room: Dataset, drive: Sequence, tmp_pat
     from panoloc_mcl.robot.camera import to_mapping
     from panoloc_mcl.robot.settings.validation import dump_yaml
 
-    path = BAGS["ros2"](tmp_path / "walk", drive)
+    path = write_ros2(drive, tmp_path / "walk")
     assert main(["convert", str(path), "-o", str(tmp_path / "out")]) == 2
     assert "nothing says which camera this is" in capsys.readouterr().err
     (tmp_path / "camera.yaml").write_text(dump_yaml(to_mapping(drive.camera)))

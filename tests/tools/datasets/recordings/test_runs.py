@@ -5,8 +5,8 @@ import shutil
 from pathlib import Path
 
 import pytest
-from bag_writer import Messages, entries, write_ros1, write_ros2
 
+from panoloc_mcl.laboratory.layouts.bags import write_ros1, write_ros2
 from panoloc_mcl.tools.cli.main import main
 from panoloc_mcl.tools.datasets import Dataset
 
@@ -32,11 +32,9 @@ def test_a_data_set_with_recordings(form: str, small_room: Dataset, cache: Path,
     shutil.copytree(small_room.path, tmp_path / "data", ignore=shutil.ignore_patterns("sequences"))
     (tmp_path / "data" / "sequences").mkdir()
     if form == "bag":
-        write_ros1(tmp_path / "data" / "sequences" / "noon_00.bag", entries(drive, Messages(True)), Messages(True))
+        write_ros1(drive, tmp_path / "data" / "sequences" / "noon_00")
     else:
-        write_ros2(
-            tmp_path / "data" / "sequences" / "noon_00", entries(drive, Messages(False), ".png"), Messages(False), "mcap"
-        )
+        write_ros2(drive, tmp_path / "data" / "sequences" / "noon_00", ".png", "mcap")
     second = run(tmp_path / "data", tmp_path / "bags")
     for name in ("trajectory.tum", "groundtruth.tum"):
         one, other = (folder / "noon_00" / "run_0" / name for folder in (first, second))
@@ -57,7 +55,7 @@ def test_a_recording_without_references_says_where_a_map_may_come_from(small_roo
     from panoloc_mcl.robot.settings.validation import dump_yaml
 
     drive = small_room.sequences["noon_00"]
-    bag = write_ros1(tmp_path / "noon_00.bag", entries(drive, Messages(True)), Messages(True))
+    bag = write_ros1(drive, tmp_path / "noon_00")
     (tmp_path / "camera.yaml").write_text(dump_yaml(to_mapping(drive.camera)))
     for command in ("run", "check"):
         assert main([command, "configs/global.yaml", "--set", f"dataset={bag}"]) == 2

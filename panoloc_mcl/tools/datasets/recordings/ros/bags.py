@@ -69,7 +69,7 @@ class Bag:
         self._read, self._decode = read, reader.deserialize
 
     def _open_cut_off(self, reason: Exception) -> None:
-        from panoloc_mcl.tools.datasets.recordings.salvage import SALVAGED
+        from panoloc_mcl.tools.datasets.recordings.ros.salvage import SALVAGED
 
         salvage = SALVAGED.get(self.path.suffix)
         found = None if salvage is None else salvage(self.path)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from panoloc_mcl.robot.geometry import yaw_from_quaternion
-from panoloc_mcl.tools.datasets.recordings.ros_messages import seconds_of
+from panoloc_mcl.tools.datasets.recordings.ros.messages import seconds_of
 from panoloc_mcl.tools.datasets.trajectory import Trajectory
 
 

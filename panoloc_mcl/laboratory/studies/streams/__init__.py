@@ -1,0 +1,1 @@
+"""What comes to a localizer, and how: recordings in other layouts, threads that race."""
