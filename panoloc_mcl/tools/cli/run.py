@@ -1,4 +1,4 @@
-"""``panoloc run``: localize over a data set and write a results folder."""
+"""``panoloc run``: localize over a data set and write a results folder, or repeat a run from its ``run.json``."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """CONFIG, ``--set``, ``--seed``, ``--out``, ``--rerun``, ``--json``."""
-    parser.add_argument("config", metavar="CONFIG", help="YAML file, such as configs/global.yaml")
+    parser.add_argument(
+        "config", metavar="CONFIG", help="YAML file, such as configs/global.yaml; or RESULTS/run.json, which repeats that run"
+    )
     add_run_options(parser)
 
 
@@ -49,10 +51,22 @@ def add_rerun_option(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Run, print the figures, and last the path of the results folder."""
-    from panoloc_mcl.tools.config import load_config
+    from pathlib import Path
 
-    config = load_config(args.config, overrides_of_run(args))
-    print_outcome(watched_run(config, args), config, as_json=args.json)
+    from panoloc_mcl.tools.config import load_config
+    from panoloc_mcl.tools.report import read_results
+    from panoloc_mcl.tools.report.results.layout import CONFIG
+    from panoloc_mcl.tools.runs.repeat import compared, is_run_info, other_versions
+
+    path = Path(args.config)
+    earlier = read_results(path.parent) if is_run_info(path) else None
+    if earlier is not None and (changed := other_versions(earlier)):
+        note(f"{path}: made with other versions ({changed}); last digits may differ")
+    config = load_config(path if earlier is None else earlier.path / CONFIG, overrides_of_run(args))
+    outcome = watched_run(config, args)
+    if earlier is not None:
+        note(compared(earlier, outcome.folder))
+    print_outcome(outcome, config, as_json=args.json)
     return 0
 
 

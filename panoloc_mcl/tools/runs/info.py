@@ -29,8 +29,13 @@ def run_info(config: RunConfig, dataset: Dataset, command: Sequence[str]) -> dic
         "started": datetime.now().isoformat(timespec="seconds"),
         "machine": {"system": platform.system(), "processor": platform.machine(), "cores": os.cpu_count()},
         "threads": _threads(),
-        "versions": {"python": platform.python_version()} | {name: _version(name) for name in _REPORTED},
+        "versions": versions(),
     }
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python, of this package and of the libraries that results depend on."""
+    return {"python": platform.python_version()} | {name: _version(name) for name in _REPORTED}
 
 
 def _threads() -> int:

@@ -95,6 +95,29 @@ def test_the_same_seed_gives_the_same_bytes(config, threads, full_run, panoloc_p
     assert one.read_bytes() == other.read_bytes()
 
 
+def test_a_run_is_repeated_from_its_run_json(run_small, panoloc):
+    first = run_small("--seed", 5)
+    again = panoloc("run", first.folder / "run.json")
+    assert again.code == 0, again.err
+    assert again.folder != first.folder
+    assert f"note: 1 of 1 trajectories have the same bytes as in {first.folder.resolve()}" in again.err.splitlines()
+    other = panoloc("run", first.folder / "run.json", "--seed", 6)
+    assert "note: 0 of 1 trajectories" in other.err
+
+
+def test_a_run_json_of_other_versions_is_repeated_with_a_word(run_small, panoloc):
+    done = run_small()
+    info = json.loads((done.folder / "run.json").read_text())
+    info["versions"]["numpy"] = "1.0.0"
+    (done.folder / "run.json").write_text(json.dumps(info))
+    again = panoloc("run", done.folder / "run.json")
+    assert "made with other versions (numpy 1.0.0, now " in again.err
+    (done.folder / "run.json").write_text(json.dumps(info | {"format": "panoloc-results/2"}))
+    newer = panoloc("run", done.folder / "run.json")
+    assert newer.code == 2
+    assert "newer than 'panoloc-results/1'; upgrade panoloc-mcl" in newer.err
+
+
 def test_another_seed_gives_another_run_and_runs_count_up_from_the_seed(run_small):
     twice = run_small("--seed", 5, "--set", "runs=2")
     once = run_small("--seed", 6)
