@@ -69,6 +69,7 @@ IMPERFECTIONS: dict[str, Imperfection] = {
     ),
     "pose_noise": Imperfection(surveys.PoseNoise, {"xy_m": 0.02, "theta_deg": 0.5}, {"xy_m": 0.1, "theta_deg": 2.0}),
     "pose_drift": Imperfection(surveys.PoseDrift, {"share": 0.005}, {"share": 0.02}, together=False),
+    "headings": Imperfection(surveys.Headings, {"sd_deg": 20.0}, {"sd_deg": 180.0}, together=False),
     "clock": Imperfection(surveys.Clock, {"seconds": 0.1}, {"seconds": 0.3}),
     "odometry": Imperfection(
         surveys.Odometry, {"scale": 0.05, "drift_deg_per_m": 2.0}, {"scale": 0.15, "drift_deg_per_m": 6.0}

@@ -140,6 +140,22 @@ class PoseDrift(StrictModel):
         draft.references.claimed = _chained(claimed[0], steps)
 
 
+class Headings(StrictModel):
+    """Nobody measured the headings of the references: they are known to ``sd_deg`` (Gaussian), and 180 is not at all."""
+
+    sd_deg: Annotated[float, Field(ge=0.0, le=180.0)]
+
+    def change(self, draft: Draft, rng: np.random.Generator) -> None:
+        """Claim coarse headings, and say that they are, or claim none."""
+        claimed, unknown = draft.references.claimed, self.sd_deg == 180.0
+        errors = np.zeros(claimed.shape)
+        errors[:, 2] = -claimed[:, 2] if unknown else math.radians(self.sd_deg) * rng.standard_normal(len(claimed))
+        draft.references.claimed = _added(claimed, errors)
+        sds = np.full((len(claimed), 2), np.nan) if draft.references.sds is None else draft.references.sds.copy()
+        sds[:, 1] = np.inf if unknown else math.radians(self.sd_deg)
+        draft.references.sds = sds
+
+
 class Clock(StrictModel):
     """The clock of odometry goes ``seconds`` behind that of the images (as images that arrive late and are stamped on arrival)."""
 

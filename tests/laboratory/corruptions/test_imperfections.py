@@ -249,6 +249,15 @@ def test_surveys_err_as_much_as_they_say(small_room):
     assert 0.01 < away[-1] < 1.0
 
 
+def test_headings_are_coarse_and_said_to_be_or_missing(small_room, tmp_path):
+    coarse = read_dataset(corrupt(small_room, parse_recipe("headings:mild"), 0, tmp_path / "coarse")).references
+    assert 5.0 < np.degrees(np.std(coarse.poses[:, 2])) < 40.0
+    np.testing.assert_allclose(coarse.sds[:, 1], np.radians(20.0))
+    missing = read_dataset(corrupt(small_room, parse_recipe("headings:strong"), 0, tmp_path / "missing")).references
+    assert np.isinf(missing.sds[:, 1]).all()
+    np.testing.assert_allclose(missing.poses[:, :2], small_room.references.poses[:, :2], atol=1e-6)
+
+
 def test_wheels_and_clocks(small_room):
     draft = draft_of(small_room)
     before = draft.drives["noon_00"].odometry
