@@ -16,6 +16,7 @@ STUDIES = (
     "soak",
     "consistency",
     "light",
+    "camera",
 )
 
 _MEMBERS: list[Reporting] = [importlib.import_module(f"panoloc_mcl.laboratory.cli.studies.{name}").COMMAND for name in STUDIES]

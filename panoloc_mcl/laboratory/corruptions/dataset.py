@@ -101,7 +101,7 @@ class _Pictures:
         ]
 
     def _stays(self, folder: Folder, shot: Shot, of_references: bool) -> bool:
-        return not (folder.disturbances or shot.copy or (self._recipe.changes_images and not of_references))
+        return not (folder.disturbances or shot.copy or shot.turned or (self._recipe.changes_images and not of_references))
 
     def _images(self, folder: Folder, target: Path, names: list[str], of_references: bool) -> Iterator[Image | None]:
         sight = sight_of(folder.optics, folder.size)
@@ -117,7 +117,7 @@ class _Pictures:
 
     def _image(self, folder: Folder, shot: Shot, sight: Sight, of_references: bool) -> Image:
         key = (self._seed, zlib.crc32(f"{shot.file.parent.parent.name}/{shot.file.name}".encode()), shot.copy)
-        light = light_of(read_image(shot.file))
+        light = light_of(np.roll(read_image(shot.file), shot.turned, axis=1) if shot.turned else read_image(shot.file))
         height = folder.optics.height_m or _USUAL_HEIGHT_M
         for name, disturb in folder.disturbances:
             own = zlib.crc32(name.encode())

@@ -76,12 +76,15 @@ class Shot:
         When it was taken.
     copy : int
         Counts images made of one file: each gets its own noise.
+    turned : int
+        Columns that the panorama is turned by, to the right.
     """
 
     file: Path
     pose: Float64 | None
     time: float = 0.0
     copy: int = 0
+    turned: int = 0
 
 
 @dataclass

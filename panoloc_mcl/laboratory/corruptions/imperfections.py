@@ -63,6 +63,7 @@ IMPERFECTIONS: dict[str, Imperfection] = {
     "along_drive": Imperfection(surveys.AlongDrive, {"unevenness": 0.0}, {"unevenness": 1.2}, together=False),
     "doubled": Imperfection(surveys.Doubled, {"share": 0.25}, {"share": 1.0, "apart_m": 0.02}, together=False),
     "standing": Imperfection(surveys.Standing, {"stops": 3, "images": 5}, {"stops": 8, "images": 20}, together=False),
+    "turned": Imperfection(surveys.Turned, {"spread_deg": 20.0}, {"spread_deg": 360.0}, together=False),
     "mount": Imperfection(mounting.Mounting, {"x_m": 0.05}, {"x_m": 0.15}),
     "mount_yaw": Imperfection(
         mounting.Mounting, {"x_m": 0.0, "yaw_deg": 2.0}, {"x_m": 0.15, "y_m": 0.05, "yaw_deg": 20.0}, together=False
@@ -94,6 +95,7 @@ IMPERFECTIONS: dict[str, Imperfection] = {
         together=False,
     ),
     "jpeg": Imperfection(lens.Jpeg, {"quality": 50}, {"quality": 20}),
+    "focal": Imperfection(mounting.Focal, {"scale": 1.02}, {"scale": 1.05}, together=False, calibrated=True),
     "elevation_scale": Imperfection(mounting.Elevation, {"scale": 1.03}, {"scale": 1.1}, together=False, calibrated=True),
     "elevation_shift": Imperfection(mounting.Elevation, {"shift_deg": 1.0}, {"shift_deg": 3.0}, calibrated=True),
     "height": Imperfection(mounting.Height, {"metres": 0.03}, {"metres": 0.1}, calibrated=True),

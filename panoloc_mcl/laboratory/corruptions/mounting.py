@@ -16,6 +16,7 @@ from panoloc_mcl.robot.camera.spec import AnyCamera, OmniCamera, PanoramaCamera
 from panoloc_mcl.robot.errors import ConfigError
 from panoloc_mcl.robot.geometry import compose, inverse
 from panoloc_mcl.robot.settings.validation import StrictModel
+from panoloc_mcl.tools.calibration.parameters import with_focal_scale
 
 Metres = Annotated[float, Field(ge=-5.0, le=5.0)]
 Degrees = Annotated[float, Field(ge=-180.0, le=180.0)]
@@ -140,6 +141,20 @@ class Centre(StrictModel):
         y = radius * np.sin(view.sight.azimuth) + self.pixels * math.sin(towards)
         elevation = low + (np.hypot(x, y) - inner) * ((high - low) / (outer - inner))
         return view.sight.sample(light, np.arctan2(y, x), elevation).reshape(light.shape)
+
+
+class Focal(StrictModel):
+    """The focal length of a raw camera is claimed ``scale`` times too long."""
+
+    scale: Annotated[float, Field(gt=0.5, le=2.0)]
+
+    def change(self, draft: Draft, rng: np.random.Generator) -> None:
+        """Claim another focal length."""
+        for folder in draft.folders:
+            if isinstance(folder.camera, OmniCamera):
+                folder.camera = with_focal_scale(folder.camera, self.scale)
+        if not any(isinstance(folder.camera, OmniCamera) for folder in draft.folders):
+            raise ConfigError("focal: is for raw mirror and fisheye images; of a panorama use elevation_scale")
 
 
 class Elevation(StrictModel):

@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from panoloc_mcl.laboratory.corruptions.draft import Draft, Float64, Folder, moved
+from panoloc_mcl.robot.camera.spec import PanoramaCamera
 from panoloc_mcl.robot.errors import ConfigError
 from panoloc_mcl.robot.geometry import between, compose, wrap_angle
 from panoloc_mcl.robot.settings.validation import StrictModel
@@ -102,6 +103,27 @@ class Standing(StrictModel):
         indices = [index for index, _ in order]
         references.claimed = references.claimed[indices]
         references.sds = None if references.sds is None else references.sds[indices]
+
+
+class Turned(StrictModel):
+    """References were taken at any heading within ``spread_deg``, by whole columns of their panoramas."""
+
+    spread_deg: Annotated[float, Field(ge=0.0, le=360.0)]
+
+    def change(self, draft: Draft, rng: np.random.Generator) -> None:
+        """Turn the robot, and what it sees."""
+        references = draft.references
+        if not isinstance(references.optics, PanoramaCamera):
+            raise ConfigError(f"turned: is for references that are panoramas; these are of kind {references.optics.kind}")
+        width = references.size[0]
+        columns = np.rint(rng.uniform(-0.5, 0.5, len(references.shots)) * self.spread_deg * width / 360.0).astype(int)
+        sense = 1 if references.optics.columns == "clockwise" else -1
+        turns = np.pad(columns[:, None] * (2.0 * np.pi / width), ((0, 0), (2, 0)))
+        references.claimed = _added(references.claimed, turns)
+        references.shots = [
+            replace(shot, turned=sense * int(column), pose=None if shot.pose is None else _added(shot.pose, turn))
+            for shot, column, turn in zip(references.shots, columns, turns, strict=True)
+        ]
 
 
 class PoseNoise(StrictModel):
@@ -196,7 +218,7 @@ class Odometry(StrictModel):
 
 def _added(poses: Float64, errors: Float64) -> Float64:
     off = poses + errors
-    off[:, 2] = wrap_angle(off[:, 2])
+    off[..., 2] = wrap_angle(off[..., 2])
     return np.asarray(off)
 
 

@@ -4,23 +4,25 @@ from panoloc_mcl.robot.camera.extent import geometry_of
 from panoloc_mcl.robot.camera.mask import Mask
 from panoloc_mcl.robot.camera.mount import Mount
 from panoloc_mcl.robot.camera.panorama import Panorama, PanoramaGeometry
-from panoloc_mcl.robot.camera.profiles import radius_px
-from panoloc_mcl.robot.camera.spec import (
-    AnyCamera,
-    Camera,
+from panoloc_mcl.robot.camera.profiles import (
     EquiangularProfile,
-    EquirectangularCamera,
-    Fisheye,
-    FisheyePairCamera,
     HyperbolicProfile,
-    LensCamera,
     LinearProfile,
-    OmniCamera,
-    PanoramaCamera,
-    PanoramaTarget,
     Profile,
     TableProfile,
     UnifiedProfile,
+    radius_px,
+)
+from panoloc_mcl.robot.camera.spec import (
+    AnyCamera,
+    Camera,
+    EquirectangularCamera,
+    Fisheye,
+    FisheyePairCamera,
+    LensCamera,
+    OmniCamera,
+    PanoramaCamera,
+    PanoramaTarget,
     camera_from_mapping,
     to_mapping,
 )

@@ -14,15 +14,14 @@ tools that estimated the parameters, so that their files can be used as they are
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from functools import lru_cache
-from typing import Annotated, Any, Literal, Union
+from typing import Annotated, Literal, Union
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag
 
-from panoloc_mcl.robot.settings.validation import StrictModel
+from panoloc_mcl.robot.settings.validation import StrictModel, kind_tag
 
 Float64 = NDArray[np.float64]
 Positive = Annotated[float, Field(gt=0.0)]
@@ -154,12 +153,6 @@ class OcamLens(StrictModel):
         return a * right + b * down + self.cx, c * right + d * down + self.cy
 
 
-def _kind_tag(value: Any) -> str | None:
-    kind = value.get("kind") if isinstance(value, Mapping) else getattr(value, "kind", None)
-    # Capitalised: the checker takes capitalised parts of a key for names of alternatives and leaves them out of the fault.
-    return kind.capitalize() if isinstance(kind, str) and kind.islower() else None
-
-
 Lens = Annotated[
     Union[  # noqa: UP007
         Annotated[KannalaBrandtLens, Tag("Kannala_brandt")],
@@ -169,7 +162,7 @@ Lens = Annotated[
         Annotated[OcamLens, Tag("Ocam")],
     ],
     Discriminator(
-        _kind_tag,
+        kind_tag,
         custom_error_type="lens_kind",
         custom_error_message="kind must be 'kannala_brandt', 'mei', 'eucm', 'double_sphere' or 'ocam'",
     ),

@@ -5,17 +5,79 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import AfterValidator, Discriminator, Field, Tag
 
 from panoloc_mcl.robot.errors import CameraError
-
-if TYPE_CHECKING:
-    from panoloc_mcl.robot.camera.spec import Profile
+from panoloc_mcl.robot.settings.validation import StrictModel, kind_tag
 
 FloatArray = NDArray[np.float64]
+Positive = Annotated[float, Field(gt=0.0)]
+Point = tuple[float, float]
+
+
+def _monotone_points(value: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    points = np.asarray(value, dtype=np.float64)
+    steps = np.diff(points, axis=0)
+    if np.any(np.abs(points[:, 0]) > 90.0) or np.any(points[:, 1] < 0.0):
+        raise ValueError("must be [elevation_deg, radius_px] with elevations in -90..90 and radii of 0 or more")
+    if any(not (np.all(steps[:, axis] > 0.0) or np.all(steps[:, axis] < 0.0)) for axis in (0, 1)):
+        raise ValueError("elevations and radii must each keep rising or keep falling from point to point; sort the points")
+    return value
+
+
+class UnifiedProfile(StrictModel):
+    """Unified (sphere) model ``r = focal_px sin t / (xi + cos t)``, ``t`` = 90 degrees + elevation (from the nadir)."""
+
+    kind: Literal["unified"] = "unified"
+    xi: Annotated[float, Field(ge=0.0)]
+    focal_px: Positive
+
+
+class HyperbolicProfile(StrictModel):
+    """Hyperbolic mirror: its eccentricity (> 1) and the focal length of the camera in its outer focus, in pixels."""
+
+    kind: Literal["hyperbolic"] = "hyperbolic"
+    eccentricity: Annotated[float, Field(gt=1.0)]
+    focal_px: Positive
+
+
+class EquiangularProfile(StrictModel):
+    """Radius proportional to the angle from the nadir: ``r = focal_px t``, ``t`` in radians (a fisheye that looks down)."""
+
+    kind: Literal["equiangular"] = "equiangular"
+    focal_px: Positive
+
+
+class LinearProfile(StrictModel):
+    """Radius linear in elevation, through two given points ``[elevation_deg, radius_px]``; it may also fall."""
+
+    kind: Literal["linear"] = "linear"
+    points: Annotated[tuple[Point, Point], AfterValidator(_monotone_points)]
+
+
+class TableProfile(StrictModel):
+    """Measured points ``[elevation_deg, radius_px]``, both monotone, joined by a monotone cubic; nothing seen beyond."""
+
+    kind: Literal["table"] = "table"
+    points: Annotated[tuple[Point, ...], Field(min_length=2), AfterValidator(_monotone_points)]
+
+
+Profile = Annotated[
+    Annotated[UnifiedProfile, Tag("Unified")]
+    | Annotated[LinearProfile, Tag("Linear")]
+    | Annotated[EquiangularProfile, Tag("Equiangular")]
+    | Annotated[HyperbolicProfile, Tag("Hyperbolic")]
+    | Annotated[TableProfile, Tag("Table")],
+    Discriminator(
+        kind_tag,
+        custom_error_type="profile_kind",
+        custom_error_message="kind must be 'unified', 'linear', 'equiangular', 'hyperbolic' or 'table'",
+    ),
+]
 
 
 def unified_radius(angle: ArrayLike, xi: float, focal_px: float) -> FloatArray:
@@ -80,7 +142,6 @@ def radius_px(profile: Profile, elevation: ArrayLike, looks_up: bool = False) ->
     Parameters
     ----------
     profile : Profile
-        One of the profile models of :mod:`panoloc_mcl.robot.camera.spec`.
     elevation : array_like of float
         Radians above the horizon, any shape.
     looks_up : bool

@@ -11,12 +11,11 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 from panoloc_mcl.robot.camera.lenses import Lens, widest_angle
 from panoloc_mcl.robot.camera.mask import Mask
 from panoloc_mcl.robot.camera.mount import Angle, Mount
-from panoloc_mcl.robot.camera.profiles import radius_px
+from panoloc_mcl.robot.camera.profiles import Point, Positive, Profile, radius_px
 from panoloc_mcl.robot.errors import CameraError, ConfigError
-from panoloc_mcl.robot.settings.validation import StrictModel, validate
+from panoloc_mcl.robot.settings.validation import StrictModel, kind_tag, validate
 
 Direction = Literal["clockwise", "counterclockwise"]
-Positive = Annotated[float, Field(gt=0.0)]
 
 
 def _ordered_elevations(value: tuple[float, float]) -> tuple[float, float]:
@@ -31,78 +30,10 @@ def _ordered_radii(value: tuple[float, float]) -> tuple[float, float]:
     return value
 
 
-def _monotone_points(value: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
-    points = np.asarray(value, dtype=np.float64)
-    steps = np.diff(points, axis=0)
-    if np.any(np.abs(points[:, 0]) > 90.0) or np.any(points[:, 1] < 0.0):
-        raise ValueError("must be [elevation_deg, radius_px] with elevations in -90..90 and radii of 0 or more")
-    if any(not (np.all(steps[:, axis] > 0.0) or np.all(steps[:, axis] < 0.0)) for axis in (0, 1)):
-        raise ValueError("elevations and radii must each keep rising or keep falling from point to point; sort the points")
-    return value
-
-
 Elevations = Annotated[tuple[float, float], AfterValidator(_ordered_elevations)]
 Radii = Annotated[tuple[float, float], AfterValidator(_ordered_radii)]
-Point = tuple[float, float]
 PanoramaSize = tuple[Annotated[int, Field(ge=4, le=16384)], Annotated[int, Field(ge=2, le=16384)]]
 ImageSize = tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]]
-
-
-class UnifiedProfile(StrictModel):
-    """Unified (sphere) model ``r = focal_px sin t / (xi + cos t)``, ``t`` = 90 degrees + elevation (from the nadir)."""
-
-    kind: Literal["unified"] = "unified"
-    xi: Annotated[float, Field(ge=0.0)]
-    focal_px: Positive
-
-
-class HyperbolicProfile(StrictModel):
-    """Hyperbolic mirror: its eccentricity (> 1) and the focal length of the camera in its outer focus, in pixels."""
-
-    kind: Literal["hyperbolic"] = "hyperbolic"
-    eccentricity: Annotated[float, Field(gt=1.0)]
-    focal_px: Positive
-
-
-class EquiangularProfile(StrictModel):
-    """Radius proportional to the angle from the nadir: ``r = focal_px t``, ``t`` in radians (a fisheye that looks down)."""
-
-    kind: Literal["equiangular"] = "equiangular"
-    focal_px: Positive
-
-
-class LinearProfile(StrictModel):
-    """Radius linear in elevation, through two given points ``[elevation_deg, radius_px]``; it may also fall."""
-
-    kind: Literal["linear"] = "linear"
-    points: Annotated[tuple[Point, Point], AfterValidator(_monotone_points)]
-
-
-class TableProfile(StrictModel):
-    """Measured points ``[elevation_deg, radius_px]``, both monotone, joined by a monotone cubic; nothing seen beyond."""
-
-    kind: Literal["table"] = "table"
-    points: Annotated[tuple[Point, ...], Field(min_length=2), AfterValidator(_monotone_points)]
-
-
-def _kind_tag(value: Any) -> str | None:
-    kind = value.get("kind") if isinstance(value, Mapping) else getattr(value, "kind", None)
-    # Capitalised: the checker takes capitalised parts of a key for names of alternatives and leaves them out of the fault.
-    return kind.capitalize() if isinstance(kind, str) and kind.islower() else None
-
-
-Profile = Annotated[
-    Annotated[UnifiedProfile, Tag("Unified")]
-    | Annotated[LinearProfile, Tag("Linear")]
-    | Annotated[EquiangularProfile, Tag("Equiangular")]
-    | Annotated[HyperbolicProfile, Tag("Hyperbolic")]
-    | Annotated[TableProfile, Tag("Table")],
-    Discriminator(
-        _kind_tag,
-        custom_error_type="profile_kind",
-        custom_error_message="kind must be 'unified', 'linear', 'equiangular', 'hyperbolic' or 'table'",
-    ),
-]
 
 
 class PanoramaTarget(StrictModel):
@@ -271,12 +202,14 @@ class FisheyePairCamera(_Camera):
     """Two fisheyes back to back in one image, as dual-lens cameras deliver them raw.
 
     Every direction is read from the lens whose axis is nearer. A strip of ``seam_deg`` where both meet shows nothing, so
-    that no edge of the joint votes.
+    that no edge of the joint votes. Of cameras that write a file for each lens, tables name those of the front: ``files`` are the
+    word in their names, and what stands in its place in those of the back (``[front, back]`` for ``front/01.png`` and ``back/01.png``).
     """
 
     kind: Literal["fisheye_pair"] = "fisheye_pair"
     front: Fisheye
     back: Fisheye
+    files: tuple[str, str] | None = None
     seam_deg: Annotated[float, Field(ge=0.0, le=20.0)] = 1.5
     panorama: PanoramaTarget | None = None
 
@@ -293,6 +226,10 @@ class FisheyePairCamera(_Camera):
         for name, one in (("front", self.front), ("back", self.back)):
             if np.degrees(widest_angle(one.lens)) < 45.0:
                 raise ValueError(f"{name}.lens shows less than 90 degrees; use the calibration of a fisheye")
+        if self.files is not None and (not all(self.files) or self.files[0] == self.files[1]):
+            raise ValueError(f"files: {list(self.files)} do not tell front from back; write two words of their names")
+        if self.files is not None and self.back.offset_px[0] == 0.0:
+            raise ValueError("back.offset_px: is missing; write [width of the front lens's images, 0], where the back's begin")
         return self
 
 
@@ -301,7 +238,7 @@ _KIND_WORDS = "kind must be 'panorama', 'omni', 'equirectangular' or 'fisheye_pa
 
 
 def _camera_tag(value: Any) -> str | None:
-    tag = _kind_tag(value)
+    tag = kind_tag(value)
     return "Lens" if tag == "Omni" and ("lens" in value if isinstance(value, Mapping) else hasattr(value, "lens")) else tag
 
 

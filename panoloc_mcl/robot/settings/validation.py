@@ -196,6 +196,13 @@ def dump_yaml(data: Mapping[str, Any]) -> str:
     return text
 
 
+def kind_tag(value: Any) -> str | None:
+    """Which of several models with a ``kind`` is meant, for pydantic's ``Discriminator``."""
+    kind = value.get("kind") if isinstance(value, Mapping) else getattr(value, "kind", None)
+    # Capitalised: the checker takes capitalised parts of a key for names of alternatives and leaves them out of the fault.
+    return kind.capitalize() if isinstance(kind, str) and kind.islower() else None
+
+
 def validate(model: type[Model], data: Mapping[str, Any], source: str | SourceOf) -> Model:
     """Check plain data against a model.
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from panoloc_mcl.robot.camera import AnyCamera, Mask
 from panoloc_mcl.robot.errors import DatasetError, ImageError
 from panoloc_mcl.robot.images import read_image
+from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.settings.observation import VotesSettings
 from panoloc_mcl.tools.calibration.adjustment import Adjustment, Estimated, adjust
@@ -66,7 +67,11 @@ class Findings:
 
 
 def calibrate(
-    dataset: Dataset, camera: AnyCamera | None = None, drives: Sequence[Drive] | None = None, progress: Progress = no_progress
+    dataset: Dataset,
+    camera: AnyCamera | None = None,
+    drives: Sequence[Drive] | None = None,
+    progress: Progress = no_progress,
+    panorama_map: PanoramaMap | None = None,
 ) -> Findings:
     """Find the mask, the errors of the calibration, and where the camera sits.
 
@@ -78,6 +83,8 @@ def calibrate(
     drives : sequence of Sequence, optional
         That may be looked at; all if left out.
     progress : callable (done, total, what)
+    panorama_map : PanoramaMap, optional
+        Of the references, if there is one, for drives with a camera of their own.
 
     Raises
     ------
@@ -113,7 +120,7 @@ def calibrate(
         yard = references
     with_odometry = [drive for drive in subjects if drive.odometry is not None and len(drive) >= FEWEST_IMAGES]
     if of_drives or with_odometry:
-        yardstick = Yardstick(yard, settings, progress)
+        yardstick = Yardstick(yard, settings, progress, panorama_map if of_drives else None)
         looked_at = subjects[:_MOST_DRIVES] if of_drives else with_odometry[:_MOST_PLACED]
         tracked = [yardstick.track(drive, found.camera, progress=progress) for drive in looked_at]
         tracked = [track for track in tracked if len(track.indices)]

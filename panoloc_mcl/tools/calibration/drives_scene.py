@@ -13,10 +13,12 @@ from panoloc_mcl.robot.camera import AnyCamera, Panorama, Unwrapper
 from panoloc_mcl.robot.errors import DatasetError, ImageError
 from panoloc_mcl.robot.geometry import between, compose
 from panoloc_mcl.robot.images import read_image
+from panoloc_mcl.robot.map.panorama_map import PanoramaMap
+from panoloc_mcl.robot.observation import ObservationModel
 from panoloc_mcl.robot.observation.votes import VotesModel
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.references import References, read_references
-from panoloc_mcl.robot.settings.observation import VotesSettings
+from panoloc_mcl.robot.settings.observation import ObservationSettings, VotesSettings
 from panoloc_mcl.robot.single_blas import one_blas_thread
 from panoloc_mcl.robot.synthesis.views import ViewSynthesizer
 from panoloc_mcl.tools.calibration.blocks import Equations, agreeing, derivative, residual, without_pose
@@ -67,18 +69,32 @@ class Yardstick:
     references : References
     settings : VotesSettings
     progress : callable (done, total, what)
+    panorama_map : PanoramaMap, optional
+        Of these references, if there is one; its model is made otherwise, without what does not matter here.
     """
 
-    def __init__(self, references: References, settings: VotesSettings, progress: Progress = no_progress) -> None:
-        # How far poses are to be believed does not matter here.
-        self.settings = settings.model_copy(update={"calibration_references": 0})
+    def __init__(
+        self,
+        references: References,
+        settings: VotesSettings,
+        progress: Progress = no_progress,
+        panorama_map: PanoramaMap | None = None,
+    ) -> None:
         self.references = references
-        self.panoramas = read_references(references, progress)
-        with one_blas_thread():
-            self.model = VotesModel.build(self.panoramas, self.settings, 0, progress)
-        profiles = self.model.arrays().get("profiles")
+        if panorama_map is None:
+            # How far poses are to be believed does not matter here.
+            self.settings = settings.model_copy(update={"calibration_references": 0})
+            self.panoramas = read_references(references, progress)
+            with one_blas_thread():
+                model = VotesModel.build(self.panoramas, self.settings, 0, progress)
+            self.model: ObservationModel = model
+            profiles, notes = model.arrays().get("profiles"), model.notes
+        else:
+            self.settings, self.panoramas = settings, panorama_map.references
+            self.model = panorama_map.observation_model(ObservationSettings(votes=settings))
+            profiles, notes = panorama_map.arrays.get("profiles"), panorama_map.notes
         if profiles is None or self.panoramas.camera_height_m is None:
-            raise DatasetError(f"{references.path}: no views can be made from these references; {'; '.join(self.model.notes)}")
+            raise DatasetError(f"{references.path}: no views can be made from these references; {'; '.join(notes)}")
         height = self.panoramas.camera_height_m
         self.synthesizer = ViewSynthesizer(self.panoramas, profiles.astype(np.float64), height)
 

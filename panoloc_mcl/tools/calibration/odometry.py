@@ -12,10 +12,15 @@ from panoloc_mcl.robot.geometry import angle_difference, between, interpolate_at
 Float64 = NDArray[np.float64]
 
 FEWEST_IMAGES = 8
-# Errors of odometry grow with the way and the turn; images err by so much at least.
-_ODOMETRY_SHARE, _IMAGE_M = 0.05, 0.003
-_OUTLIER = 3.5
+# Errors of wheels along the way and aside of it, as shares of it: where to begin, and the least; the rest of a drive tells them.
+_SHARES, _LEAST_SHARE, _ROUNDS = (0.1, 0.03), 0.005, 6
+# How much of an error of the heading comes about by a metre, to that by a radian.
+_DRIFT = 0.1
+_IMAGE_M = 0.002
+_OUTLIER, _MEDIAN_CHI2, _UNKNOWN = 3.5, 1.386, 1e4
 #: Not observable with a larger standard deviation: metres, radians, seconds.
+#: A difference of the clocks is believed from so many standard deviations on.
+LATE = 3.0
 OBSERVABLE_M, OBSERVABLE_RAD, OBSERVABLE_S = 0.05, np.radians(2.0), 0.05
 
 
@@ -66,32 +71,81 @@ def place_camera(times: Float64, poses: Float64, odometry_times: Float64, odomet
     if len(times) < FEWEST_IMAGES:
         return None
     offset, sd_time = _time_offset(times, poses, odometry_times, odometry)
-    used = offset if sd_time <= OBSERVABLE_S else 0.0
-    driven = interpolate_at(odometry_times, odometry, times + used)
-    way = between(driven[:-1], driven[1:])
-    first, second = (_turn(poses[part, 2]) for part in (slice(None, -1), slice(1, None)))
-    moved = poses[1:, :2] - poses[:-1, :2]
+    used = offset if sd_time <= OBSERVABLE_S and abs(offset) > LATE * sd_time else 0.0
+    way, lengths, along = _ways(times + used, poses[:, 2], odometry_times, odometry)
+    turns = _turn(poses[:, 2])
     # Camera motion = scaled and turned way of the base + what its turn swings the camera by.
-    a = np.einsum("kij,kj->ki", first, way[:, :2])
-    b = np.einsum("kij,kj->ki", first, np.stack([-way[:, 1], way[:, 0]], axis=-1))
-    design = np.concatenate([np.stack([a, b], axis=-1), second - first], axis=2).reshape(-1, 4)
-    sd = np.hypot(_IMAGE_M * np.sqrt(2.0), _ODOMETRY_SHARE * np.hypot(way[:, 0], way[:, 1]))
-    weight, right = np.repeat(1.0 / sd, 2), moved.reshape(-1)
-    kept = np.ones(len(weight), dtype=np.bool_)
-    for _ in range(4):
-        w = weight * kept
-        normal = (design * (w**2)[:, None]).T @ design + 1e-6 * np.eye(4)
-        found = np.linalg.solve(normal, design.T @ (w**2 * right))
-        rest = (right - design @ found) * weight
-        usual = 1.4826 * float(np.median(np.abs(rest[kept])))
-        kept = np.abs(rest) < _OUTLIER * max(usual, 0.3)
-    variance = float((rest[kept] ** 2).sum()) / max(int(kept.sum()) - 4, 1)
-    covariance = variance * np.linalg.inv(normal)
+    aside = np.stack([-way[:, 1], way[:, 0]], axis=-1)
+    design = np.concatenate([np.stack([way, aside], axis=-1), turns[1:] - turns[:-1]], axis=2)
+    moved = poses[1:, :2] - poses[:-1, :2]
+    # The error of an image enters the way before it and the way after it.
+    links = np.diff(np.eye(len(times)), axis=0)
+    of_images = _IMAGE_M**2 * np.kron(links @ links.T, np.eye(2))
+    kept, shares = np.ones(len(way), dtype=np.bool_), _SHARES
+    for _ in range(_ROUNDS):
+        spread = lengths[:, None, None] ** 2 * (shares[0] ** 2 * along + shares[1] ** 2 * (np.eye(2) - along))
+        covariance = of_images.copy()
+        for step in range(len(way)):
+            at = slice(2 * step, 2 * step + 2)
+            covariance[at, at] += spread[step] if kept[step] else _UNKNOWN * np.eye(2)
+        root = np.linalg.cholesky(covariance)
+        a, b = np.linalg.solve(root, design.reshape(-1, 4)), np.linalg.solve(root, moved.reshape(-1))
+        normal = a.T @ a + 1e-6 * np.eye(4)
+        found = np.linalg.solve(normal, a.T @ b)
+        rest = moved - design @ found
+        off = np.einsum("ki,kij,kj->k", rest, np.linalg.inv(spread + 2.0 * _IMAGE_M**2 * np.eye(2)), rest)
+        kept = off < _OUTLIER**2 * max(float(np.median(off[kept])) / _MEDIAN_CHI2, 1.0)
+        shares = _shares(rest[kept], way[kept], lengths[kept])
+    variance = float(((b - a @ found) ** 2).sum()) / max(2 * int(kept.sum()) - 4, 1)
+    error = variance * np.linalg.inv(normal)
     scale = float(np.hypot(found[0], found[1]))
-    sd_yaw = float(np.sqrt(covariance[1, 1])) / max(scale, 1e-6)
-    sd_m = float(np.sqrt(max(covariance[2, 2], covariance[3, 3])))
+    sd_yaw = float(np.sqrt(error[1, 1])) / max(scale, 1e-6)
+    sd_m = float(np.sqrt(max(error[2, 2], error[3, 3])))
     yaw = float(np.arctan2(found[1], found[0]))
     return Placement(float(found[2]), float(found[3]), yaw, sd_m, sd_yaw, offset, sd_time, scale, len(times))
+
+
+def _shares(rest: Float64, way: Float64, lengths: Float64) -> tuple[float, float]:
+    """What odometry errs by along its way and aside of it, as shares of the way (standard deviations), as the rest has it."""
+    driven = lengths > 0.02
+    if driven.sum() < FEWEST_IMAGES:
+        return _SHARES
+    ahead = way[driven] / np.maximum(np.hypot(way[driven, 0], way[driven, 1]), 1e-9)[:, None]
+    parts = (rest[driven] * ahead).sum(axis=1), rest[driven, 1] * ahead[:, 0] - rest[driven, 0] * ahead[:, 1]
+    usual = [1.4826 * float(np.median(np.abs(part) / lengths[driven])) for part in parts]
+    image = np.sqrt(2.0) * _IMAGE_M / float(np.median(lengths[driven]))
+    first, second = (float(np.clip(np.sqrt(max(one**2 - image**2, 0.0)), _LEAST_SHARE, 0.5)) for one in usual)
+    return first, second
+
+
+def _ways(times: Float64, headings: Float64, odometry_times: Float64, odometry: Float64) -> tuple[Float64, Float64, Float64]:
+    """What the base drove between images, in the map's axes: its lengths by odometry, its directions by the headings of the images.
+
+    Odometry's headings are mended where it turned, so that they meet those of the images. What is left is mostly an error of lengths.
+
+    Returns
+    -------
+    way : float64 (n - 1, 2)
+    lengths : float64 (n - 1,)
+    along : float64 (n - 1, 2, 2)
+        Mean projection onto the direction of travel.
+    """
+    inside = odometry_times[(odometry_times > times[0]) & (odometry_times < times[-1])]
+    stamps = np.union1d(times, inside)
+    driven = interpolate_at(odometry_times, odometry, stamps)
+    steps = between(driven[:-1], driven[1:])
+    lengths = np.hypot(steps[:, 0], steps[:, 1])
+    ends = np.searchsorted(stamps, times)
+    # Errors of a heading come about by turns, some by the way, and a trifle by time.
+    busy = np.concatenate([[0.0], np.cumsum(np.abs(steps[:, 2]) + _DRIFT * lengths + 1e-6 * np.diff(stamps))])
+    off = np.unwrap(angle_difference(headings, driven[ends, 2]))
+    heading = driven[:-1, 2] + np.interp(busy[:-1], busy[ends], off)
+    ahead = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+    way = np.add.reduceat(np.einsum("kij,kj->ki", _turn(heading), steps[:, :2]), ends[:-1])
+    whole = np.add.reduceat(lengths, ends[:-1])
+    weights = lengths + 1e-9
+    along = np.add.reduceat(np.einsum("k,ki,kj->kij", weights, ahead, ahead), ends[:-1])
+    return way, whole, along / np.add.reduceat(weights, ends[:-1])[:, None, None]
 
 
 def _time_offset(times: Float64, poses: Float64, odometry_times: Float64, odometry: Float64) -> tuple[float, float]:

@@ -12,11 +12,12 @@ from panoloc_mcl.robot.camera import (
     EquirectangularCamera,
     FisheyePairCamera,
     LensCamera,
+    LinearProfile,
     Mount,
     OmniCamera,
     PanoramaCamera,
+    TableProfile,
 )
-from panoloc_mcl.robot.camera.spec import LinearProfile, TableProfile
 
 ELEVATION_SCALE = "elevation scale"
 #: From a camera and a value to the camera with that value.
@@ -155,15 +156,19 @@ def _center(camera: AnyCamera, u: float | None = None, v: float | None = None) -
     return camera.model_copy(update={"center_px": (old_u if u is None else u, old_v if v is None else v)})
 
 
-def _focal(camera: AnyCamera, value: float) -> AnyCamera:
-    """All radii times a factor, those of the part in use, too."""
-    assert isinstance(camera, OmniCamera)
+def with_focal_scale(camera: OmniCamera, value: float) -> OmniCamera:
+    """The camera with all radii of its profile times a factor; the part of the image in use stays."""
     profile = camera.profile
     if isinstance(profile, LinearProfile | TableProfile):
         update: dict[str, Any] = {"points": tuple((elevation, radius * value) for elevation, radius in profile.points)}
     else:
         update = {"focal_px": profile.focal_px * value}
     return camera.model_copy(update={"profile": profile.model_copy(update=update)})
+
+
+def _focal(camera: AnyCamera, value: float) -> AnyCamera:
+    assert isinstance(camera, OmniCamera)
+    return with_focal_scale(camera, value)
 
 
 def _lens(camera: AnyCamera, **values: float) -> AnyCamera:

@@ -37,6 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Find, print the table, and write what was asked for; the path last."""
     from panoloc_mcl.tools.calibration.calibrate import calibrate, table_of
+    from panoloc_mcl.tools.calibration.written import write_camera
     from panoloc_mcl.tools.cli.monitor import monitor
     from panoloc_mcl.tools.datasets import read_dataset, resolve_dataset
 
@@ -45,7 +46,7 @@ def execute(args: argparse.Namespace) -> int:
     drives = dataset.select(args.drives) if dataset.sequences else []
     with monitor() as watching:
         found = calibrate(dataset, start, drives, watching.progress)
-    written = _write(found, dataset, Path(args.output)) if args.output else []
+    written = [str(file) for file in write_camera(found, Path(args.output))] if args.output else []
     if args.json:
         print(json.dumps(_as_json(found, written)))
         return 0
@@ -77,31 +78,6 @@ def _with_calibration(dataset: Dataset, path: Path) -> AnyCamera:
     camera = camera_from_mapping({**read_calibration(path).mapping(), **kept}, str(path))
     Unwrapper(camera, subject.image_size, geometry_of(camera, subject.image_size))
     return camera
-
-
-def _write(found: Findings, dataset: Dataset, path: Path) -> list[str]:
-    """The camera, its mask, and the pictures; whole or not at all."""
-    from panoloc_mcl.robot.camera import to_mapping
-    from panoloc_mcl.robot.files import write_atomically
-    from panoloc_mcl.robot.settings.validation import dump_yaml
-    from panoloc_mcl.tools.calibration.picture import picture_of_mask, picture_of_views, png
-
-    mapping = to_mapping(found.camera)
-    written = []
-    if found.camera.mask is not None:
-        mask = path.with_name(f"{path.stem}_mask.png")
-        write_atomically(mask, found.camera.mask.png())
-        mapping["mask"] = mask.name
-        written.append(str(mask))
-    picture = path.with_name(f"{path.stem}_image.png")
-    write_atomically(picture, png(picture_of_mask(found.sample, found.camera)))
-    written.append(str(picture))
-    if found.scene is not None:
-        views = path.with_name(f"{path.stem}_views.png")
-        write_atomically(views, png(picture_of_views(found.scene, found.before, found.camera)))
-        written.append(str(views))
-    write_atomically(path, dump_yaml(mapping))
-    return [*written, str(path)]
 
 
 def _as_json(found: Findings, written: list[str]) -> dict[str, Any]:

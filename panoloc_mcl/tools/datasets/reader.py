@@ -16,11 +16,12 @@ from panoloc_mcl.robot.camera.spec import AnyCamera, Camera
 from panoloc_mcl.robot.camera.unwrap import Unwrapper, geometry_of
 from panoloc_mcl.robot.errors import CameraError, ConfigError, DatasetError, ImageError
 from panoloc_mcl.robot.files import known_errors
-from panoloc_mcl.robot.images import image_size
+from panoloc_mcl.robot.images import ImageSource, image_size
 from panoloc_mcl.robot.references import References
 from panoloc_mcl.robot.settings.validation import StrictModel, read_yaml, validate
 from panoloc_mcl.tools.config.recording import RecordingSettings
 from panoloc_mcl.tools.datasets.dataset import Dataset, Sequence
+from panoloc_mcl.tools.datasets.pairs import paired
 from panoloc_mcl.tools.datasets.recordings import (
     dataset_of_recordings,
     is_folder_of_images,
@@ -28,7 +29,7 @@ from panoloc_mcl.tools.datasets.recordings import (
     recordings_in,
     sequence_of,
 )
-from panoloc_mcl.tools.datasets.tables import read_image_table
+from panoloc_mcl.tools.datasets.tables import ImageTable, read_image_table
 from panoloc_mcl.tools.datasets.trajectory import Trajectory, read_tum
 
 FORMAT = "panoloc-dataset/1"
@@ -132,7 +133,8 @@ def _scan(path: Path, recording: RecordingSettings | None, scan: Scan) -> Scan:
         scan.references = References(path / "references", (), np.empty((0, 3)), info.camera, size)
     if info is not None and scan.references is not None:
         by_name = {sequence.name: sequence for sequence in scan.sequences}
-        scan.dataset = Dataset(info.name, path, info.description, info.licence, info.camera, scan.references, by_name)
+        _, camera = paired((), path, info.camera, [])
+        scan.dataset = Dataset(info.name, path, info.description, info.licence, camera or info.camera, scan.references, by_name)
     return scan
 
 
@@ -183,8 +185,7 @@ def _read_references(
     table = read_image_table(
         folder / "poses.csv", ("x", "y"), None, faults, folder.parent, ("sd_xy", "sd_theta"), unknown=("theta",)
     )
-    seen_by = _folder_camera(folder, camera, faults)
-    size = _common_size(folder, table.files, faults) if table is not None else None
+    files, seen_by, size = _images_of(folder, table, camera, faults)
     if table is None or seen_by is None or size is None or not _fits(folder, seen_by, size, shared, faults):
         return None
     poses_of = info.references.poses_of if info is not None else "base"
@@ -193,7 +194,7 @@ def _read_references(
     unknown = np.isnan(poses[:, 2])
     poses[unknown, 2], sds[unknown, 1] = 0.0, np.inf
     known = None if np.isnan(sds).all() else sds
-    return References(folder, table.files, poses, seen_by, size, poses_of, known)
+    return References(folder, files, poses, seen_by, size, poses_of, known)
 
 
 def _read_sequence(
@@ -206,8 +207,7 @@ def _read_sequence(
     table = read_image_table(folder / "frames.csv", ("timestamp",), "timestamp", faults, folder.parents[1])
     odometry = _read_trajectory(folder / "odometry.tum", faults)
     groundtruth = _read_trajectory(folder / "groundtruth.tum", faults)
-    seen_by = _folder_camera(folder, camera, faults)
-    size = _common_size(folder, table.files, faults, spared=True) if table is not None else None
+    files, seen_by, size = _images_of(folder, table, camera, faults, spared=True)
     if table is None or seen_by is None or size is None or not _fits(folder, seen_by, size, shared, faults):
         return None
     if len(faults) > before:
@@ -216,7 +216,7 @@ def _read_sequence(
     times = table.numbers[:, 0] + seen_by.stamp_offset_s
     if seen_by.time_offset_s is not None:
         seen_by = seen_by.model_copy(update={"time_offset_s": None})
-    return Sequence(folder.name, folder, times, table.files, seen_by, size, odometry, groundtruth)
+    return Sequence(folder.name, folder, times, files, seen_by, size, odometry, groundtruth)
 
 
 def _read_trajectory(path: Path, faults: list[str]) -> Trajectory | None:
@@ -240,9 +240,21 @@ def _folder_camera(folder: Path, camera: AnyCamera | None, faults: list[str]) ->
         return None
 
 
-def _common_size(folder: Path, files: tuple[Path, ...], faults: list[str], spared: bool = False) -> tuple[int, int] | None:
+def _images_of(
+    folder: Path, table: ImageTable | None, camera: AnyCamera | None, faults: list[str], spared: bool = False
+) -> tuple[tuple[ImageSource, ...], AnyCamera | None, tuple[int, int] | None]:
+    """Images of a folder, their camera, and their size; None for what is faulty."""
+    seen_by = _folder_camera(folder, camera, faults)
+    if table is None:
+        return (), seen_by, None
+    before = len(faults)
+    files, seen_by = paired(table.files, folder, seen_by, faults)
+    return files, seen_by, None if len(faults) > before else _common_size(folder, files, faults, spared)
+
+
+def _common_size(folder: Path, files: tuple[ImageSource, ...], faults: list[str], spared: bool) -> tuple[int, int] | None:
     """Size of a folder's images; ``spared``: a damaged frame of a drive is met when its turn comes, and does not end the run."""
-    sizes: dict[Path, tuple[int, int]] = {}
+    sizes: dict[ImageSource, tuple[int, int]] = {}
     damaged: list[str] = []
     for file in files:
         try:
