@@ -37,7 +37,7 @@ CAMERAS = {
 
 
 def main(folder: Path) -> None:
-    """Render one image with each camera from the same place, and put its panorama beside it."""
+    """Render one image with each camera, and put its panorama beside it."""
     drives = [
         {"name": name, "light": "noon", "frames": 1, "camera": {**camera, "height_m": 0.6}, "size": size}
         for name, (camera, size) in CAMERAS.items()

@@ -1,6 +1,11 @@
+import re
+import shutil
 from pathlib import Path
 
+import cv2
 import pytest
+
+from panoloc_mcl.tools.datasets import EMBEDDED
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 
@@ -76,3 +81,42 @@ def test_the_configuration_of_a_live_robot(panoloc):
     assert done.code == 2
     assert "no such map file" in done.err
     assert "and not both" in panoloc("check", CONFIGS / "live.yaml", "--set", "input.video=0").err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        pytest.param(lambda image: image[:, ::-1], "mirrored", id="mirrored"),
+        pytest.param(lambda image: image[::-1], "upside down", id="upside down"),
+    ],
+)
+def test_images_the_wrong_way_round_are_called_so(panoloc, tmp_path, change, word):
+    """Rendered from a scene, then changed on purpose: all images alike, as a wrong export does."""
+    folder = Path(shutil.copytree(EMBEDDED["hall"], tmp_path / "hall"))
+    for kept in sorted((folder / "sequences").iterdir())[1:]:
+        shutil.rmtree(kept)
+    for file in [*folder.rglob("*.png"), *folder.rglob("*.jpg")]:
+        cv2.imwrite(str(file), change(cv2.imread(str(file), cv2.IMREAD_UNCHANGED)))
+    done = panoloc("check", CONFIGS / "global.yaml", "--set", f"dataset={folder}")
+    assert done.code == 2
+    (line,) = done.err.splitlines()
+    assert word in line
+    assert str(folder) in line
+
+
+@pytest.mark.slow
+def test_a_camera_that_is_not_as_described_is_named_with_what_is_off(panoloc, tmp_path):
+    folder = Path(shutil.copytree(EMBEDDED["hall"], tmp_path / "hall"))
+    file = folder / "dataset.yaml"
+    said = file.read_text()
+    text = re.sub(r"elevation_deg: *\[-50(\.0)?, 25(\.0)?\]", "elevation_deg: [-46, 29]", said)
+    if text == said:
+        text = re.sub(r"- -50(\.0)?\n( *)- 25(\.0)?", r"- -46.0\n\2- 29.0", said)
+    assert text != said
+    file.write_text(text)
+    done = panoloc("check", CONFIGS / "global.yaml", "--set", f"dataset={folder}")
+    assert done.code == 0
+    (line,) = [line for line in done.out.splitlines() if "camera: looks off" in line]
+    assert "elevation shift -" in line
+    assert "panoloc calibrate" in line
