@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.spatial import cKDTree
 
+from panoloc_mcl.robot.camera import PanoramaGeometry
 from panoloc_mcl.robot.eigenspace.gradients import orientations
 from panoloc_mcl.robot.kernels.warping import column_agreement
 from panoloc_mcl.robot.progress import Progress, no_progress
@@ -24,6 +26,9 @@ from panoloc_mcl.robot.synthesis.views import ViewSynthesizer
 
 Float64 = NDArray[np.float64]
 
+#: Whatever lies within has been compared in every room so far.
+CORE_DEG = (-60.0, 30.0)
+_FEWEST_CORE_ROWS = 8
 _NEAREST_WALL_M, _FARTHEST_WALL_M = 0.3, 18.0
 # A wall is wider than a pixel: agreement is judged over this many degrees.
 _SMOOTHING_DEG = 9.0
@@ -61,6 +66,7 @@ def sweep_profiles(
     float64 (n, columns)
         Metres.
     """
+    references = with_rows(references, core_rows(references.geometry))
     count, _, columns = references.pixels.shape
     synthesizer = ViewSynthesizer(references, np.ones((count, columns)), camera_height_m)
     tree = cKDTree(references.positions)
@@ -81,6 +87,26 @@ def sweep_profiles(
             profiles[index] = profile
             progress(index + 1, count, "depth of references")
     return profiles
+
+
+def core_rows(geometry: PanoramaGeometry) -> slice:
+    """Rows in which floors and walls stand in any room: depths are told by these alone, as a ceiling has another one. All, if few."""
+    elevations = np.degrees(geometry.elevation_of_row(np.arange(geometry.height)))
+    core = np.flatnonzero((elevations >= CORE_DEG[0]) & (elevations <= CORE_DEG[1]))
+    return slice(0, geometry.height) if len(core) < _FEWEST_CORE_ROWS else slice(int(core[0]), int(core[-1]) + 1)
+
+
+def with_rows(references: ReferencePanoramas, rows: slice) -> ReferencePanoramas:
+    """The references with some of their rows only."""
+    geometry = references.geometry
+    if rows == slice(0, geometry.height):
+        return references
+    return replace(
+        references,
+        pixels=np.ascontiguousarray(references.pixels[:, rows]),
+        valid=None if references.valid is None else references.valid[:, rows],
+        geometry=geometry.of_rows(rows.start, rows.stop),
+    )
 
 
 def _profile(index: int, neighbours: list[int], synthesizer: ViewSynthesizer, settings: VotesSettings) -> Float64:

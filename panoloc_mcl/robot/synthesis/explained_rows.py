@@ -18,14 +18,11 @@ from scipy.spatial import cKDTree
 from panoloc_mcl.robot.eigenspace.gradients import orientations
 from panoloc_mcl.robot.references import ReferencePanoramas, References, read_references
 from panoloc_mcl.robot.settings.observation import VotesSettings
-from panoloc_mcl.robot.synthesis.depth import sweep_profiles
+from panoloc_mcl.robot.synthesis.depth import CORE_DEG, core_rows, sweep_profiles
 from panoloc_mcl.robot.synthesis.views import ViewSynthesizer
 
 Float64 = NDArray[np.float64]
 
-# Whatever lies within has been compared in every room so far; only rows beyond are asked for.
-_CORE_DEG = (-60.0, 30.0)
-_FEWEST_CORE_ROWS = 8
 _EDGE_DEG = 1.0  # a field that ends so close to the core is used whole
 # Of the agreement in the core, over a few degrees of rows; what is below it by less than so many standard errors is left as it is.
 _SHARE, _SMOOTHING_DEG, _STANDARD_ERRORS = 0.6, 5.0, 2.0
@@ -56,7 +53,7 @@ def explained(
     """
     whole = source.geometry
     if source.rows is not None or (
-        whole.elevation_bottom_deg >= _CORE_DEG[0] - _EDGE_DEG and whole.elevation_top_deg <= _CORE_DEG[1] + _EDGE_DEG
+        whole.elevation_bottom_deg >= CORE_DEG[0] - _EDGE_DEG and whole.elevation_top_deg <= CORE_DEG[1] + _EDGE_DEG
     ):
         return source, ()
     compared = as_compared(read_references(source))
@@ -88,39 +85,24 @@ def explained_rows(references: ReferencePanoramas, settings: VotesSettings, thre
     geometry = references.geometry
     every = slice(0, geometry.height)
     elevations = np.degrees(geometry.elevation_of_row(np.arange(geometry.height)))
-    core = np.flatnonzero((elevations >= _CORE_DEG[0]) & (elevations <= _CORE_DEG[1]))
-    height = references.camera_height_m
-    if len(core) in (geometry.height, *range(_FEWEST_CORE_ROWS)) or height is None:
+    core, height = core_rows(geometry), references.camera_height_m
+    if core == every or height is None:
         return every
     if len(np.unique(references.positions, axis=0)) < _CLUSTER_SIZE:
-        return slice(int(core[0]), int(core[-1]) + 1)
+        return core
     chosen = references.of(_clusters(references.positions))
-    inner = with_rows(chosen, slice(int(core[0]), int(core[-1]) + 1))
-    profiles = sweep_profiles(inner, height, settings, threads=threads)
+    profiles = sweep_profiles(chosen, height, settings, threads=threads)
     agreement = _agreement_of_rows(ViewSynthesizer(chosen, profiles, height), settings)
     width = max(1, round(_SMOOTHING_DEG / abs(float(elevations[1] - elevations[0]))))
     smooth = uniform_filter1d(agreement, width, axis=1, mode="nearest")
     mean, error = smooth.mean(axis=0), smooth.std(axis=0) / np.sqrt(len(smooth))
     good = mean + _STANDARD_ERRORS * error >= _SHARE * np.median(mean[core])
-    first, last = int(core[0]), int(core[-1])
+    first, last = core.start, core.stop - 1
     while first > 0 and good[first - 1]:
         first -= 1
     while last < geometry.height - 1 and good[last + 1]:
         last += 1
     return slice(first, last + 1)
-
-
-def with_rows(references: ReferencePanoramas, rows: slice) -> ReferencePanoramas:
-    """The references with some of their rows only."""
-    geometry = references.geometry
-    if rows == slice(0, geometry.height):
-        return references
-    return replace(
-        references,
-        pixels=np.ascontiguousarray(references.pixels[:, rows]),
-        valid=None if references.valid is None else references.valid[:, rows],
-        geometry=geometry.of_rows(rows.start, rows.stop),
-    )
 
 
 def _clusters(positions: Float64) -> NDArray[np.int64]:

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from oracles.scenes import grid, references, texture
 
+from panoloc_mcl.robot.camera import PanoramaGeometry
 from panoloc_mcl.robot.settings.observation import VirtualPlacesSettings, VotesSettings
 from panoloc_mcl.robot.synthesis import sweep_profiles
+from panoloc_mcl.robot.synthesis.depth import core_rows, with_rows
 
 SETTINGS = VotesSettings()
 
@@ -56,6 +58,18 @@ def test_a_neighbour_that_shows_another_place_has_no_say(small) -> None:
     profiles = sweep_profiles(both, 0.6, SETTINGS)
     assert np.isfinite(profiles).all()
     assert np.median(deviations(profiles[:4], room.profiles(here.positions, 90))) < 0.08
+
+
+def test_a_ceiling_does_not_move_the_walls(small) -> None:
+    """Rows above 30 degrees show whatever hangs there, at a height of its own."""
+    room, high = small.room, PanoramaGeometry(90, 84, -50.0, 75.0)
+    there = room.references(high, grid(3, 2))
+    elevations = np.degrees(high.elevation_of_row(np.arange(84)))
+    pixels = there.pixels.copy()
+    pixels[:, elevations > 31.0] = texture(9, int((elevations > 31.0).sum()), 90)
+    low = with_rows(there, core_rows(high))
+    with_ceiling = sweep_profiles(replace(there, pixels=pixels), 0.6, SETTINGS)
+    assert np.array_equal(with_ceiling, sweep_profiles(low, 0.6, SETTINGS))
 
 
 def test_progress_counts_the_references(small) -> None:

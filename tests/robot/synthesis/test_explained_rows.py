@@ -4,7 +4,8 @@ from oracles.rooms import BareRoom
 
 from panoloc_mcl.robot.camera import PanoramaGeometry
 from panoloc_mcl.robot.settings.observation import VotesSettings
-from panoloc_mcl.robot.synthesis.explained_rows import explained_rows, with_rows
+from panoloc_mcl.robot.synthesis.depth import with_rows
+from panoloc_mcl.robot.synthesis.explained_rows import explained_rows
 
 POSITIONS = [(x, y) for x in (0.0, 0.6, 1.2) for y in (0.0, 0.5, 1.0)]
 
