@@ -90,7 +90,8 @@ def convert(source: Path, out: Path, every: int, min_step: float, scale: int, br
         {
             "kind": "panorama",
             "columns": "counterclockwise",
-            "heading_column": HEADING_COLUMN * scale,
+            # Columns count from the middle of the first one, which is thinner in an enlarged image.
+            "heading_column": (HEADING_COLUMN + 0.5) * scale - 0.5,
             "elevation_deg": list(ELEVATIONS_DEG),
             "height_m": HEIGHT_M,
         },
