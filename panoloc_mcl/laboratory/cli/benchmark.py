@@ -51,6 +51,13 @@ def _options_of_simulation(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--variants", nargs="+", default=("llvm_ad_rgb", "scalar_rgb"), metavar="NAME", help="of Mitsuba")
 
 
+def _options_of_live(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--dataset", default="hall", metavar="DATASET", help="a data set, or the name of an embedded one")
+    parser.add_argument("--seconds", type=at_least(1), default=60, metavar="S", help="how long the drive is played")
+    parser.add_argument("--images", type=at_least(1), default=20, metavar="N", help="images a second")
+    parser.add_argument("--megabytes", type=at_least(1), default=1000, metavar="MB", help="of the recording that is read")
+
+
 def _eights(text: str) -> int:
     if int(text) < 8 or int(text) % 8:
         raise argparse.ArgumentTypeError(f"{text}: must be a multiple of 8")
@@ -111,6 +118,12 @@ def _simulation(args: argparse.Namespace) -> Report:
     return simulation(args.config, args.frames, args.samples, args.variants)
 
 
+def _live(args: argparse.Namespace) -> Report:
+    from panoloc_mcl.laboratory.benchmarks.live import live
+
+    return live(args.dataset, args.seconds, args.images, args.megabytes)
+
+
 def _on_one_thread(work: Callable[[argparse.Namespace], Report], args: argparse.Namespace) -> Report:
     import cv2
     from threadpoolctl import threadpool_limits
@@ -138,6 +151,7 @@ BENCHMARKS = (
     Reporting("costs", "an image against the number of places and headings", _options, partial(_on_one_thread, _costs)),
     Reporting("pictures", "writing the report against its run, and its memory", _options_of_pictures, _pictures),
     Reporting("workers", "a comparison on local workers against one process", _options_of_workers, _workers),
+    Reporting("live", "a robot in real time: latency, memory, poses between images, a long recording", _options_of_live, _live),
     Reporting("simulation", "rendering, with LLVM and without", _options_of_simulation, _simulation),
 )
 

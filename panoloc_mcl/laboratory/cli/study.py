@@ -17,6 +17,8 @@ STUDIES = (
     "consistency",
     "light",
     "camera",
+    "layouts",
+    "racing",
 )
 
 _MEMBERS: list[Reporting] = [importlib.import_module(f"panoloc_mcl.laboratory.cli.studies.{name}").COMMAND for name in STUDIES]

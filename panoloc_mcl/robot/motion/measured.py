@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.robot.errors import MeasurementError
 
+Float64 = NDArray[np.float64]
+
 #: Coordinates beyond this are no robot's, and doubles no longer tell millimetres there: metres.
 FARTHEST_M = 1e8
 
@@ -84,3 +86,20 @@ def is_possible(pose: NDArray[np.float64]) -> bool:
 def _shown(value: Any) -> str:
     text = repr(value)
     return text if len(text) <= 40 else f"{text[:37]}..."
+
+
+def usable(values: Float64 | None, shape: tuple[int, ...]) -> Float64 | None:
+    """A copy of what came with a measurement, if it is of the right shape and finite."""
+    if values is None:
+        return None
+    array = np.array(values, dtype=np.float64)
+    return array if array.shape == shape and np.isfinite(array).all() else None
+
+
+def along_arc(velocity: Float64, seconds: float) -> Float64:
+    """Where a constant velocity leads: turning on the way, so along the chord of an arc."""
+    forward, leftward, turning = (float(value) * seconds for value in velocity)
+    half = 0.5 * turning
+    chord = math.sin(half) / half if abs(half) > 1e-9 else 1.0
+    c, s = math.cos(half), math.sin(half)
+    return np.array([chord * (c * forward - s * leftward), chord * (s * forward + c * leftward), turning])

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from panoloc_mcl.robot.geometry import angle_difference, between, compose, interpolate, inverse, wrap_angle
 from panoloc_mcl.robot.locks import Lock, locked
 from panoloc_mcl.robot.motion.backward import BEHIND_S, BackwardWatch, Verdict
-from panoloc_mcl.robot.motion.measured import is_possible, planar_pose, unit_of
+from panoloc_mcl.robot.motion.measured import along_arc, is_possible, planar_pose, unit_of, usable
 from panoloc_mcl.robot.motion.models import NOISE_MODELS, Motion, blind, grown, taken_apart
 from panoloc_mcl.robot.settings.localizer import MotionSettings
 
@@ -119,7 +119,7 @@ class OdometryBuffer:
         self._suspect = None
         self._times.insert(position, timestamp)
         self._poses.insert(position, pose)
-        self._extras.insert(position, (_usable(velocity, (3,)), _usable(covariance, (3, 3))))
+        self._extras.insert(position, (usable(velocity, (3,)), usable(covariance, (3, 3))))
         self._measure(position)
         self.taken += 1
         oldest = self._times[-1] - self.settings.buffer_s
@@ -277,7 +277,7 @@ class OdometryBuffer:
             return poses[-1]
         velocity = self._extras[-1][0]
         if velocity is not None:
-            return compose(poses[-1], _along_arc(velocity, min(time - times[-1], reach)))
+            return compose(poses[-1], along_arc(velocity, min(time - times[-1], reach)))
         # Carried on with the mean speed over as long a time as it may be carried on: a single step is too jittery for that.
         span = max(reach, times[-1] - times[-2])
         step = between(self._pose_at(times[-1] - span), poses[-1])
@@ -334,27 +334,10 @@ class OdometryBuffer:
         if extras[0].shape != (len(times), 3) or extras[1].shape != (len(times), 3, 3):
             raise ValueError("odometry velocities and covariances do not fit its times")
         self._times, self._poses = [float(time) for time in times], list(poses)
-        self._extras = [(_usable(one, (3,)), _usable(other, (3, 3))) for one, other in zip(*extras, strict=True)]
+        self._extras = [(usable(one, (3,)), usable(other, (3, 3))) for one, other in zip(*extras, strict=True)]
         self._measure(0)
         self._origin = arrays.get("origin")
         suspect = arrays.get("suspect")
         self._suspect = None if suspect is None else (float(suspect[0]), suspect[1:])
         self.rejected, self.events, self.taken = dict(header["rejected"]), dict(header["events"]), int(header["taken"])
         self.set_back_s, self.restarts = float(header.get("set_back_s", 0.0)), int(header.get("restarts", 0))
-
-
-def _usable(values: Float64 | None, shape: tuple[int, ...]) -> Float64 | None:
-    """A copy of what came with a measurement, if it is of the right shape and finite."""
-    if values is None:
-        return None
-    array = np.array(values, dtype=np.float64)
-    return array if array.shape == shape and np.isfinite(array).all() else None
-
-
-def _along_arc(velocity: Float64, seconds: float) -> Float64:
-    """Where a constant velocity leads: turning on the way, so along the chord of an arc."""
-    forward, leftward, turning = (float(value) * seconds for value in velocity)
-    half = 0.5 * turning
-    chord = math.sin(half) / half if abs(half) > 1e-9 else 1.0
-    c, s = math.cos(half), math.sin(half)
-    return np.array([chord * (c * forward - s * leftward), chord * (s * forward + c * leftward), turning])

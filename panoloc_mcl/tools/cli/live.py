@@ -73,7 +73,7 @@ class _StatusLine:
         if sys.stderr.isatty():
             sys.stderr.write(f"\r\x1b[K{line_of(figures)[:150]}")
             sys.stderr.flush()
-        elif self._shown % _LINE_EVERY == 0 or "no image for" in figures.message:
+        elif self._shown % _LINE_EVERY == 0 or "no image " in figures.message:
             print(line_of(figures), file=sys.stderr, flush=True)
         self._shown += 1
 

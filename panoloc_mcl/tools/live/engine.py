@@ -40,6 +40,8 @@ class Answer:
         From the image's arrival to its answer.
     dropped : int
         Images left out so far because newer ones had come.
+    step_ms : float
+        The work alone.
     """
 
     estimate: Estimate
@@ -47,6 +49,7 @@ class Answer:
     pixels: NDArray[Any] | ImageError
     latency_ms: float
     dropped: int
+    step_ms: float
 
 
 class Output(Protocol):
@@ -105,6 +108,8 @@ class Engine:
         After so long without images or odometry that is said.
     on_error : callable, optional
         Is told of what a bad output or image raised; the engine goes on.
+    sources : (str, str)
+        What to call that which does not come: images, and odometry.
     """
 
     def __init__(
@@ -114,10 +119,12 @@ class Engine:
         keep_all: bool = False,
         missing_after_s: float = 5.0,
         on_error: Callable[[str], None] | None = None,
+        sources: tuple[str, str] = ("image", "odometry"),
     ) -> None:
         self.localizer = localizer
         self.outputs = list(outputs)
         self._keep_all, self._missing_after_s, self._on_error = keep_all, missing_after_s, on_error
+        self._sources = sources
         self._changed = threading.Condition()
         self._waiting: deque[tuple[Image, float]] = deque()
         self._busy = self._stopped = False
@@ -186,12 +193,9 @@ class Engine:
 
     def _missing(self, now: float) -> list[str]:
         limit = self._missing_after_s
-        names = (("image", self._last_image), ("odometry", self._last_odometry))
-        return [
-            f"no {name} for {now - max(when, self._begun):.0f} s"
-            for name, when in names
-            if now - max(when, self._begun) > limit
-        ]
+        last = zip(self._sources, (self._last_image, self._last_odometry), strict=True)
+        silent = {name: now - max(when, self._begun) for name, when in last}
+        return [f"no {name} for {seconds:.0f} s" for name, seconds in silent.items() if seconds > limit]
 
     def _tell_movement(self, timestamp: float) -> None:
         robot = self.localizer.pose_at(timestamp)
@@ -220,9 +224,9 @@ class Engine:
         done = time.perf_counter()
         if estimate is None:
             return
-        self._latencies.append((1e3 * (done - arrived), 1e3 * (done - begun)))
         self._answered += 1
-        self._last = Answer(estimate, image, pixels, 1e3 * (done - arrived), self._dropped)
+        self._last = Answer(estimate, image, pixels, 1e3 * (done - arrived), self._dropped, 1e3 * (done - begun))
+        self._latencies.append((self._last.latency_ms, self._last.step_ms))
         for output in self.outputs:
             self._guarded(lambda output=output: output.answered(self._last))  # type: ignore[misc]
 

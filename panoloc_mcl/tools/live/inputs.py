@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import cv2
@@ -20,8 +20,13 @@ _TRIES, _PAUSE_S = 20, 0.05
 
 def played(drive: Drive, rate: float, stopped: threading.Event) -> Iterator[Message]:
     """Messages of a drive at the pace that they were recorded at, times ``rate``; as fast as they are taken if that is 0."""
+    return paced(recorded(drive), rate, stopped)
+
+
+def paced(messages: Iterable[Message], rate: float, stopped: threading.Event) -> Iterator[Message]:
+    """Messages when their time comes, as `played`."""
     begun, first = time.monotonic(), None
-    for message in recorded(drive):
+    for message in messages:
         if stopped.is_set():
             return
         first = message.timestamp if first is None else first

@@ -67,7 +67,9 @@ def run_live(
         outputs = _outputs(config, localizer, notice)
         if recorder is not None:
             outputs.append(recorder)
-        engine = Engine(localizer, outputs, config.input.rate == 0.0, config.missing_after_s, notice)
+        source = config.input.video if drive is None else drive.name
+        sources = f"image from {source}", "odometry" if drive is None else f"odometry from {source}"
+        engine = Engine(localizer, outputs, config.input.rate == 0.0, config.missing_after_s, notice, sources)
         stack.enter_context(engine)
         if show is not None:
             stack.callback(_shown(engine, show))

@@ -113,9 +113,7 @@ class PanolocNode(LifecycleNode):
         """Begin."""
         assert self.localizer is not None
         done = super().on_activate(state)
-        missing = self.parameters["missing_after"]
-        self._engine = Engine(self.localizer, [self], missing_after_s=missing, on_error=self.get_logger().error)
-        self._engine.__enter__()
+        self._start_engine()
         if self._keeper is not None:
             self._keeper.__enter__()
         return done
@@ -173,9 +171,14 @@ class PanolocNode(LifecycleNode):
         self._stop()
         self.localizer = Localizer(self._map, self.parameters.config(), camera=camera)
         self._keep_state()
-        self._engine = Engine(
-            self.localizer, [self], missing_after_s=self.parameters["missing_after"], on_error=self.get_logger().error
-        )
+        self._start_engine()
+
+    def _start_engine(self) -> None:
+        assert self.localizer is not None
+        image, compressed, odom = (self.resolve_topic_name(name) for name in ("image", "image/compressed", "odom"))
+        sources = f"image on {image} or {compressed}", f"odometry on {'/tf' if self.parameters['odometry_from_tf'] else odom}"
+        missing, error = self.parameters["missing_after"], self.get_logger().error
+        self._engine = Engine(self.localizer, [self], missing_after_s=missing, on_error=error, sources=sources)
         self._engine.__enter__()
 
     def _on_odometry(self, message: RosOdometry) -> None:
@@ -268,10 +271,9 @@ class PanolocNode(LifecycleNode):
         status = DiagnosticStatus(name="panoloc: localization", hardware_id="camera")
         status.level = DiagnosticStatus.WARN if last is None else _LEVELS.get(last.estimate.status, DiagnosticStatus.WARN)
         status.message = f"{figures.status}: {figures.message}" if figures.message else figures.status
-        if "no image for" in figures.message or "no odometry for" in figures.message:
+        if "no image on" in figures.message or "no odometry on" in figures.message:
             status.level = max(status.level, DiagnosticStatus.WARN)
-            topics = ", ".join(self.resolve_topic_name(name) for name in ("image", "image/compressed", "odom"))
-            self.get_logger().warning(f"{figures.message} (listening to {topics})", throttle_duration_sec=10.0)
+            self.get_logger().warning(figures.message, throttle_duration_sec=10.0)
         values = {
             "status": figures.status,
             "match": math.nan if last is None else last.estimate.state.match,

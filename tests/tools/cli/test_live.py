@@ -1,6 +1,8 @@
 import json
 import os
+import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -72,29 +74,78 @@ def test_what_cannot_be_used_is_one_line(setup, override: str, said: str, capsys
     assert said in err[-1]
 
 
+def test_a_port_in_use_is_one_line(setup, capsys) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        assert main(["live", str(setup[0] / "live.yaml"), "--foxglove", str(port), "--set", "state.file=null"]) == 2
+    err = [line for line in capsys.readouterr().err.splitlines() if not line.startswith(("note", "["))]
+    assert len(err) == 1
+    assert f"output.foxglove.port = {port}: cannot be served on" in err[0]
+
+
+def halves(folder: Path, dataset: Dataset) -> tuple[Path, Path, float]:
+    """The drive in two, as if the program had been stopped between them while odometry went on; and when the second begins."""
+    drive = dataset.sequences["noon_00"]
+    begins = float(drive.times[6]) - 0.2
+    for name in ("first", "second"):
+        shutil.copytree(dataset.path, folder / name)
+        inside = folder / name / "sequences" / "noon_00"
+        for file in (inside / "frames.csv", inside / "odometry.tum", inside / "groundtruth.tum"):
+            kept = []
+            for line in file.read_text().splitlines():
+                number = line.replace(",", " ").split()[0]
+                is_row = number[0].isdigit()
+                if not is_row or file.name == "groundtruth.tum" or (float(number) < begins) == (name == "first"):
+                    kept.append(line)
+            file.write_text("\n".join(kept) + "\n")
+    return folder / "first", folder / "second", begins
+
+
 @pytest.mark.slow  # starts the program three times
-def test_killed_and_started_again_it_goes_on_where_it_was(setup) -> None:
+def test_killed_and_started_again_it_goes_on_where_it_was(setup, tmp_path: Path) -> None:
     folder, dataset = setup
     drive = dataset.sequences["noon_00"]
-    command = [sys.executable, "-m", "panoloc_mcl", "live", str(folder / "live.yaml"), "--rate", "1"]
+    first_half, second_half, _ = halves(tmp_path, dataset)
     environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[3]), "PYTHONUNBUFFERED": "1"}
 
-    def start() -> subprocess.Popen[str]:
+    def start(half: Path, state: str) -> subprocess.Popen[str]:
+        settings = {"input.recording": half, "state.file": tmp_path / state, "output.movements": "true"}
+        command = [sys.executable, "-m", "panoloc_mcl", "live", str(folder / "live.yaml"), "--rate", "1"]
+        command += [word for key, value in settings.items() for word in ("--set", f"{key}={value}")]
         return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
 
-    first = start()
-    answered = [json.loads(first.stdout.readline()) for _ in range(3)]
-    assert answered[-1]["status"] == "converged"
-    time.sleep(0.5)
+    def error(line: dict) -> float:
+        return float(np.hypot(*(np.array(line["pose"][:2]) - drive.groundtruth.at(line["timestamp"])[:2])))
+
+    def until_answer(process: subprocess.Popen[str]) -> list[dict]:
+        found = [json.loads(process.stdout.readline())]
+        while found[-1]["kind"] != "answer":
+            found.append(json.loads(process.stdout.readline()))
+        return found
+
+    first = start(first_half, "state.npz")
+    for _ in range(5):
+        last = until_answer(first)[-1]
+    assert last["status"] == "converged"
+    time.sleep(0.3)
+    assert first.poll() is None
     first.kill()
-    first.wait()
-    second = start()
-    again = json.loads(second.stdout.readline())
-    # The recording begins anew, so its clock is set back; the first image is enough.
-    assert again["status"] == "converged"
-    assert np.hypot(*(np.array(again["pose"][:2]) - drive.groundtruth.at(again["timestamp"])[:2])) < 0.5
-    second.send_signal(signal.SIGTERM)
+    assert first.wait() == -signal.SIGKILL
+    second, new = start(second_half, "state.npz"), start(second_half, "none.npz")
+    # Before any image the pose is known from the saved state, and at the first image it is sure.
+    lines_again = until_answer(second)
+    assert lines_again[0]["kind"] == "pose"
+    for line in lines_again:
+        assert line["status"] == "converged"
+        assert error(line) < 0.5
+    # Without it nothing is known before the first image.
+    assert [line["kind"] for line in until_answer(new)] == ["answer"]
+    for process in (second, new):
+        process.send_signal(signal.SIGTERM)
     _, err = second.communicate(timeout=60)
     assert second.returncode == 0
     assert "goes on from" in err
     assert "images" in err.splitlines()[-1]
+    new.communicate(timeout=60)

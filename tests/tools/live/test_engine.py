@@ -82,14 +82,17 @@ def test_a_slow_reader_gets_the_newest_image_and_the_others_are_counted(panorama
     assert figures.latency_ms < 1.5 * figures.step_ms + 250.0
 
 
-def test_what_does_not_come_is_named(panorama_map: PanoramaMap, drive: Drive) -> None:
-    with Engine(Localizer(panorama_map), missing_after_s=0.05) as engine:
-        time.sleep(0.1)
-        message = engine.figures().message
-        assert "no image for" in message
-        assert "no odometry for" in message
+def test_what_does_not_come_is_named_after_five_seconds(panorama_map: PanoramaMap, drive: Drive, monkeypatch) -> None:
+    begun = time.monotonic()
+    now = [begun]
+    monkeypatch.setattr("panoloc_mcl.tools.live.engine.time.monotonic", lambda: now[0])
+    with Engine(Localizer(panorama_map), sources=("image on /omni/image", "odometry on /odom")) as engine:
+        now[0] = begun + 4.9
+        assert engine.figures().message == ""
+        now[0] = begun + 5.6
+        assert engine.figures().message == "no image on /omni/image for 6 s; no odometry on /odom for 6 s"
         engine.put(next(message for message in recorded(drive) if isinstance(message, Odometry)))
-        assert "no odometry" not in engine.figures().message
+        assert engine.figures().message == "no image on /omni/image for 6 s"
 
 
 def test_an_output_that_fails_stops_nothing(panorama_map: PanoramaMap, drive: Drive) -> None:

@@ -90,7 +90,8 @@ def sequence_of(
     """
     settings = settings or RecordingSettings()
     inside = path if path.is_dir() else path.parent
-    beside = [settings.camera, path.parent / f"{path.stem}.camera.yaml", inside / "camera.yaml"]
+    names = path.parent / f"{path.stem}.camera.yaml", inside / "camera.yaml", path.parent / "camera.yaml"
+    beside = [settings.camera, *names]
     file = next((file for file in beside if file is not None and (file == settings.camera or file.is_file())), None)
     if file is not None:
         camera = read_camera(file)

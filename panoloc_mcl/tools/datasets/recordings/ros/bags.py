@@ -69,11 +69,10 @@ class Bag:
         self._read, self._decode = read, reader.deserialize
 
     def _open_cut_off(self, reason: Exception) -> None:
-        from panoloc_mcl.tools.datasets.recordings.ros.salvage import SALVAGED
+        from panoloc_mcl.tools.datasets.recordings.ros.salvage import salvaged
 
-        salvage = SALVAGED.get(self.path.suffix)
-        found = None if salvage is None else salvage(self.path)
-        if found is None or not found.topics:
+        found = salvaged(self.path)
+        if found is None:
             text = " ".join(str(reason).split()) or type(reason).__name__
             raise DatasetError(
                 f"{self.path}: not a bag that can be read ({text}); check the file, or record it again"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bz2
+import itertools
 import struct
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
@@ -61,7 +62,95 @@ def salvaged_mcap(path: Path) -> Salvaged | None:
     return _salvaged(lambda: _mcap(path), ros1=False)
 
 
-SALVAGED: dict[str, Callable[[Path], Salvaged | None]] = {".bag": salvaged_ros1, ".mcap": salvaged_mcap}
+def salvaged_sqlite(path: Path) -> Salvaged | None:
+    """A database of ROS 2; None if it is none."""
+    with path.open("rb") as stream:
+        if stream.read(16) != b"SQLite format 3\0":
+            return None
+    from rosbags.typesys import Stores, get_typestore
+
+    # Types are those of the standard: older databases do not hold their definitions.
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    topics = {topic: kind for topic, kind, _, _, _ in _sqlite(path) if kind in store.types}
+    return Salvaged(topics, store.deserialize_cdr, lambda: _sqlite(path))
+
+
+_SALVAGED: dict[str, Callable[[Path], Salvaged | None]] = {
+    ".bag": salvaged_ros1,
+    ".mcap": salvaged_mcap,
+    ".db3": salvaged_sqlite,
+}
+
+
+def salvaged(path: Path) -> Salvaged | None:
+    """What is left of a bag, be it a file or a folder with files; None if nothing is."""
+    files = [path] if path.is_file() else sorted(path.iterdir())
+    found = [_SALVAGED[file.suffix](file) for file in files if file.suffix in _SALVAGED]
+    parts = [part for part in found if part is not None]
+    topics = {topic: kind for part in parts for topic, kind in part.topics.items()}
+    if not topics:
+        return None
+    return Salvaged(topics, parts[0].decode, lambda: itertools.chain.from_iterable(part.read() for part in parts))
+
+
+def _sqlite(path: Path) -> Iterator[_Found]:
+    import apsw
+
+    base = apsw.Connection(path.absolute().as_uri() + "?immutable=1", flags=_READ_ONLY, vfs=_whole_pages(path))
+    try:
+        # A file that is shorter than its head says is refused otherwise; it is open for reading alone.
+        base.execute("PRAGMA writable_schema = ON")
+        topics = {number: (name, kind) for number, name, kind in base.execute("SELECT id, name, type FROM topics")}
+        for number, stamp, data in base.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY id"):
+            if number in topics and data is not None:
+                yield (*topics[number], "", stamp, _plain(bytes(data)))
+    except apsw.Error:
+        # Pages that are missing.
+        return
+    finally:
+        base.close()
+
+
+# SQLITE_OPEN_READONLY and SQLITE_OPEN_URI.
+_READ_ONLY = 0x01 | 0x40
+
+
+def _whole_pages(path: Path) -> str:
+    """The name of a file system in which a database ends with its last whole page: SQLite fills one that is cut with zeros."""
+    import apsw
+
+    with path.open("rb") as stream:
+        page = int.from_bytes(stream.read(18)[16:], "big")
+    page = 65536 if page == 1 else max(page, 512)
+
+    class File(apsw.VFSFile):
+        def xFileSize(self) -> int:  # noqa: N802
+            return int(super().xFileSize()) // page * page
+
+    class System(apsw.VFS):
+        def __init__(self, name: str) -> None:
+            super().__init__(name, "")
+
+        def xOpen(self, name: Any, flags: list[int]) -> Any:  # noqa: N802
+            return File("", name, flags)
+
+    name = f"panoloc-{page}"
+    if name not in _SYSTEMS:
+        _SYSTEMS[name] = System(name)
+    return name
+
+
+# By name; they must live as long as anything is open in them.
+_SYSTEMS: dict[str, Any] = {}
+
+
+def _plain(data: bytes) -> bytes:
+    """A message that may have been compressed by itself."""
+    if data[:4] != b"\x28\xb5\x2f\xfd":
+        return data
+    import zstandard
+
+    return bytes(zstandard.ZstdDecompressor().decompress(data))
 
 
 def _mcap(path: Path) -> Iterator[_Found]:
