@@ -14,6 +14,7 @@ STUDIES = (
     "confidence",
     "poses",
     "soak",
+    "kills",
     "consistency",
     "light",
     "camera",

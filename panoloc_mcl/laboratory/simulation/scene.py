@@ -272,7 +272,7 @@ def _materials_of(thing: Any) -> list[str]:
     return [*names, *getattr(thing, "rings", ()), *getattr(thing, "materials", ())]
 
 
-SHIPPED = ("hall", "office")
+SHIPPED = ("hall", "office", "closet")
 
 
 def load_scene(name_or_path: str | Path, relative_to: Path | None = None) -> tuple[Scene, Path]:
