@@ -17,7 +17,7 @@ from panoloc_mcl.tools.evaluation.tables import BLANK
 
 
 class Cell(ABC):
-    """A figure with what it takes to be believed."""
+    """A figure with its interval, and the counts behind it."""
 
     @abstractmethod
     def text(self) -> str:

@@ -1,4 +1,4 @@
-"""Times and memory, measured so that a busy moment of the machine strikes all alike; and the peer that times are held against."""
+"""Times and memory, measured in turns so that a busy moment of the machine affects all alike; and the peer of the ratios."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ _UNDECIDED = (Status.SEARCHING, Status.AMBIGUOUS)
 class Localizer(SavedState):
     """Tells a robot with a panoramic camera where it is and where it looks.
 
-    All methods may be called from any thread: images are worked off one at a time, and neither `add_odometry` nor `pose_at` waits
+    All methods may be called from any thread: images are processed one at a time, and neither `add_odometry` nor `pose_at` waits
     for one. Only ``particles`` belongs to the thread that adds images. The same calls in the same order give the same bits.
 
     Parameters
@@ -250,7 +250,7 @@ class Localizer(SavedState):
             if isinstance(image, ImageError):
                 raise image
             votes = self._observation.observe(self._unwrap(image), headings)
-            # Only an image that was held against the map has a confidence.
+            # Only an image that was compared with the map has a confidence.
             reason = Reason.IMAGE_BLANK if math.isnan(votes.confidence) else Reason.FITS_NOWHERE
         except ImageError as error:
             asked = np.zeros(1) if headings is None else headings

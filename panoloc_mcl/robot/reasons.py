@@ -61,7 +61,7 @@ _REMEDIES = {
 
 
 class Finding(str):
-    """One line on what befell, with its reason; the empty one stands for nothing.
+    """One line on what happened, with its reason; empty if nothing did.
 
     Parameters
     ----------

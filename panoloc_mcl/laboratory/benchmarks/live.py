@@ -111,7 +111,7 @@ class _Latencies:
         self.step_ms: list[float] = []
 
     def answered(self, answer: Answer) -> None:
-        """An image was worked off."""
+        """An image was processed."""
         self.latency_ms.append(answer.latency_ms)
         self.step_ms.append(answer.step_ms)
 

@@ -1,4 +1,4 @@
-"""Where references are said to be, and where they come from; what clocks and wheels say."""
+"""Errors of surveyed poses, references along a drive, clocks that are apart, odometry of another scale."""
 
 from __future__ import annotations
 

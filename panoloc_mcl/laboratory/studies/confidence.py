@@ -1,4 +1,4 @@
-"""How far a map's confidence is to be believed, and whether it knows images of elsewhere."""
+"""Whether a map's confidence is calibrated, and whether images of elsewhere are recognised as such."""
 
 from __future__ import annotations
 

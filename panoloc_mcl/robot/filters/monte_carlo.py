@@ -59,7 +59,7 @@ Float64 = NDArray[np.float64]
 
 _FORM = "monte_carlo/3"
 
-# Share of the weight that particles drawn from the first image stand for, when nothing is known.
+# Share of the weight that particles drawn from the first image get, when nothing is known.
 _DRAWN_AT_START = 0.9
 # A hypothesis with this share of the weight stands alone: an image that tells nothing new of it has nothing to decide.
 _ALONE = 0.98
@@ -247,7 +247,7 @@ class MonteCarloFilter:
         if recovery.max_share == 0.0:
             return Plan(0.0, count - from_pose, from_pose, 0)
         if self.memory.nothing_known:
-            # What is predicted and what is drawn stand for the same; what is drawn does so better.
+            # Predicted and drawn particles represent the same uniform prior; the drawn ones lie where the likelihood is.
             elsewhere, share = _DRAWN_AT_START, recovery.max_share
         else:
             share = self._injection_share()
@@ -296,7 +296,7 @@ class MonteCarloFilter:
         replaced = (np.arange(drawn) * count // max(drawn, 1) + int(rng.integers(count))) % count
         by_votes = np.zeros(drawn, dtype=np.bool_)
         by_votes[np.arange(plan.from_votes) * drawn // max(plan.from_votes, 1)] = True
-        # The weights of the others grow no more for it: those of the drawn shrink.
+        # Replacing particles must not raise the weights of those that remain, so the drawn ones are scaled by the remaining weight.
         left = max(1.0 - float(self.weights[replaced].sum()), _TINY)
         if plan.from_votes:
             where, poses = replaced[by_votes], image.votes.sample(plan.from_votes, rng)

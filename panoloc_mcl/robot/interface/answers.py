@@ -52,7 +52,7 @@ class Location:
     confidence : float
         Probability that the pose is right; NaN where the map is not calibrated.
     problem : str
-        Why the image is not to be believed; empty when it is.
+        Why the image cannot be used; empty if it can.
     map_revision : str
         Of the map that it was looked up in.
     vote_field : VoteField

@@ -43,7 +43,7 @@ class Parts:
     _gated: int
     _pace: Pace | None
     _reported: dict[str, int]
-    # Images are worked off one at a time; neither odometry nor `pose_at` waits for them.
+    # Images are processed one at a time; neither odometry nor `pose_at` waits for them.
     _lock: Lock
 
     def _new_sightings(self, start: Start | None) -> Sightings:

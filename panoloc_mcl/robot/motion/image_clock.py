@@ -1,4 +1,4 @@
-"""Which time stamps of images can be believed, and when the clock that they come from has jumped."""
+"""Which time stamps of images are usable, and when the clock that they come from has jumped."""
 
 from __future__ import annotations
 

@@ -79,7 +79,7 @@ class VoteField:
     full_circle : bool
         The headings are equally spaced over the circle, so the field can be read anywhere.
     problem : str
-        Why the image is not to be believed; empty when it is. Either it carries no information ("image is black") and all votes are 0,
+        Why the image cannot be used; empty if it can. Either it carries no information ("image is black") and all votes are 0,
         or it fits nowhere.
     measurement : PoseMeasurement or None
         The pose that the image gives by itself, when the model refines the best cell.
@@ -238,7 +238,7 @@ class VoteField:
         return self._but(replace(self, measurement=measurement))
 
     def judged(self, confidence: float, problem: str) -> VoteField:
-        """The same field with how far it is to be believed."""
+        """The same field with its confidence, and with the problem of its image."""
         return self._but(replace(self, confidence=confidence, problem=problem))
 
     def _but(self, field: VoteField) -> VoteField:

@@ -282,7 +282,7 @@ class VotesModel:
         return field.with_measurement(measured)
 
     def _judged(self, field: VoteField) -> VoteField:
-        """The field with how far it is to be believed; one that fits nowhere says so."""
+        """The field with its confidence; for an image that fits nowhere, with that as its problem."""
         if self.calibration is None:
             return field
         confidence = self.calibration.confidence(field)

@@ -74,7 +74,7 @@ class SourceErrors:
         if self.trials:
             return ()
         return (
-            "how far the map errs is not known, as too few references have neighbours to be held against: poses are taken to be off by "
+            "how far the map errs is not known, as too few references have neighbours to compare: poses are taken to be off by "
             f"{100.0 * self.of_pose[0]:.0f} cm and {np.degrees(self.of_pose[1]):.1f} degrees",
         )
 

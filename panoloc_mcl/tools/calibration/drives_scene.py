@@ -1,4 +1,4 @@
-"""Images of drives held against a map: what they tell about the camera of the drives, and where they were taken."""
+"""Images of drives compared with a map: the camera of the drives, and the poses of the images."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Track:
 
 
 class Yardstick:
-    """The references as a map that images of drives are held against.
+    """The references as a map that images of drives are compared with.
 
     Parameters
     ----------

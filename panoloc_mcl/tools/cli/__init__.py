@@ -1,4 +1,4 @@
-"""The command line: ``panoloc COMMAND``. Nothing else of the package knows of it.
+"""The command line: ``panoloc COMMAND``. No other part of the package imports it.
 
 Commands import what they need when they run, so that ``--help`` answers at once.
 """

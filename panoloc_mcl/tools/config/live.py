@@ -23,7 +23,7 @@ class InputSettings(StrictModel):
     recording: str | None = Field(None, description="A recording or a data set that is played.")
     sequence: str | None = Field(None, description="Which of its sequences; null = the only one.")
     rate: Annotated[float, Field(ge=0.0, le=1000.0)] = Field(
-        1.0, description="How fast it is played; 1 = as it was recorded, 0 = every image, as fast as they are worked off."
+        1.0, description="How fast it is played; 1 = as it was recorded, 0 = every image, as fast as they are processed."
     )
 
     @model_validator(mode="after")
@@ -70,7 +70,7 @@ class LiveConfig(LocalizerConfig):
     output: OutputSettings = Field(default_factory=OutputSettings, description="Where poses go.")
     state: StateSettings = Field(default_factory=StateSettings, description="What outlives the program.")
     missing_after_s: Annotated[float, Field(gt=0.0, le=3600.0)] = Field(
-        5.0, description="After so long without images or odometry that is said, s."
+        5.0, description="Seconds without images or odometry after which a warning names what is missing."
     )
 
 

@@ -1,4 +1,4 @@
-"""Conventions held against the data: which way angles, axes, columns and clocks run is told by the images themselves.
+"""Conventions checked by the data: the images show which way angles, axes, columns and clocks run.
 
 Two images taken near each other say, without any map, how the camera turned between them and which way it moved: what lies ahead and
 behind stays where it is in the panorama, what lies abeam moves most. So every way to read the poses that are written beside them can

@@ -28,7 +28,7 @@ def references_from(drive: Sequence, every_m: float) -> References:
         raise DatasetError(f"references.from = {drive.name}: has no true poses; name a drive with ground truth, or set map")
     kept: list[int] = []
     positions = np.empty((0, 2))
-    # Where truth does not reach, its ends would stand for it.
+    # Before its first and after its last stamp, the truth would be extrapolated.
     for index in np.flatnonzero((drive.times >= truth.times[0]) & (drive.times <= truth.times[-1])).tolist():
         position = truth.at(drive.times[index])[:2]
         if not len(kept) or np.hypot(*(positions - position).T).min() >= every_m:

@@ -1,4 +1,4 @@
-"""The limits behind every figure, and how an error is held against them.
+"""The limits behind every figure, and how an error is compared with them.
 
 A value that sits on a limit up to rounding counts as on it: it is *within* the limit, and neither under nor above it.
 """

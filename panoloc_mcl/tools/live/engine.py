@@ -56,7 +56,7 @@ class Output(Protocol):
     """Gets what the engine finds out."""
 
     def answered(self, answer: Answer) -> None:
-        """An image was worked off; called from the engine's thread."""
+        """An image was processed; called from the engine's thread."""
 
     def moved(self, robot: TimedPose, odometry: TimedPose) -> None:
         """Odometry has come: the robot's pose, and that of odometry's frame; called from the thread that gave it."""
@@ -105,7 +105,7 @@ class Engine:
     keep_all : bool
         Work off every image, however long it takes: for recordings that are not played in real time.
     missing_after_s : float
-        After so long without images or odometry that is said.
+        Seconds without images or odometry after which a warning names what is missing.
     on_error : callable, optional
         Is told of what a bad output or image raised; the engine goes on.
     sources : (str, str)
@@ -160,7 +160,7 @@ class Engine:
                 self._changed.notify_all()
 
     def drain(self, timeout_s: float = 60.0) -> None:
-        """Wait until the images that have come are worked off."""
+        """Wait until the images that have come are processed."""
         with self._changed:
             self._changed.wait_for(lambda: (not self._waiting and not self._busy) or self._stopped, timeout_s)
 

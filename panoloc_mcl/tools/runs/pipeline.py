@@ -31,7 +31,7 @@ from panoloc_mcl.tools.runs.info import run_info
 from panoloc_mcl.tools.runs.map_cache import cached_map
 from panoloc_mcl.tools.streams import answers, recorded
 
-# Of how many drives, and by how many pairs of images each, conventions are held against the images before a run.
+# Conventions are checked before a run on so many drives, by so many pairs of images each.
 _DRIVES_HELD, _PAIRS_HELD = 2, 12
 
 

@@ -32,7 +32,7 @@ def execute(args: argparse.Namespace) -> Report:
 
 COMMAND = Reporting(
     "confidence",
-    "how far a map's confidence is to be believed, and whether it knows images of elsewhere",
+    "whether a map's confidence is calibrated, and whether images of elsewhere are recognised as such",
     add_arguments,
     execute,
 )

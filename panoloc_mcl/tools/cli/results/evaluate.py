@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Compute and print; leave the folder alone unless asked, but say so if it holds other figures."""
+    """Compute and print; leave the folder alone unless asked, but print a note if it holds other figures."""
     from pathlib import Path
 
     from panoloc_mcl.robot.errors import ResultsError
