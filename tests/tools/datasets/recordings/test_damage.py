@@ -123,3 +123,31 @@ def test_nothing_of_a_damaged_start_is_taken_for_a_bag(write, drive: Sequence, t
     with pytest.raises(DatasetError, match="not a bag that can be read"):
         sequence_of(file, camera=drive.camera)
     shutil.rmtree(tmp_path / "walk", ignore_errors=True)
+
+
+def test_a_topic_of_a_type_that_cannot_be_read_is_left_out(drive: Sequence, tmp_path: Path) -> None:
+    """As rosbag2 writes events of services, whose definition is that of the service."""
+    from mcap.writer import Writer
+
+    ros, path = Messages(ros1=False), tmp_path / "walk.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="ros2")
+        channels: dict[str, int] = {}
+        for stamp, topic, kind, message in entries(drive, ros):
+            if topic not in channels:
+                text = ros.store.generate_msgdef(kind, ros_version=2)[0].encode()
+                schema = writer.register_schema(name=kind, encoding="ros2msg", data=text)
+                channels[topic] = writer.register_channel(topic=topic, message_encoding="cdr", schema_id=schema)
+            writer.add_message(channels[topic], log_time=stamp, publish_time=stamp, data=ros.raw(message, kind))
+        schema = writer.register_schema(
+            "example_interfaces/srv/AddTwoInts_Event", "ros2msg", b"int64 a\nint64 b\n---\nint64 sum\n"
+        )
+        events = writer.register_channel("/add/_service_event", "cdr", schema)
+        writer.add_message(events, log_time=stamp, publish_time=stamp, data=b"\x00\x01\x00\x00")
+        writer.finish()
+    found = sequence_of(path, camera=drive.camera)
+    assert "types of /add/_service_event cannot be read; left out" in " ".join(found.notes)
+    assert len(found) == len(drive)
+    assert len(found.odometry) == len(drive.odometry)
+    assert np.array_equal(read_image(found.files[3]), read_image(drive.files[3]))

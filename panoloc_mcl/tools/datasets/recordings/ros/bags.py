@@ -79,7 +79,10 @@ class Bag:
             ) from reason
         self.topics, self._decode = found.topics, found.decode
         self._read = lambda topics, start_ns: found.messages(topics)
-        self.notes.append(f"{self.path.name}: was cut off; what is whole in it is used")
+        if found.unknown:
+            self.notes.append(f"{self.path.name}: types of {', '.join(found.unknown)} cannot be read; left out")
+        else:
+            self.notes.append(f"{self.path.name}: was cut off; what is whole in it is used")
 
     def messages(self, topics: Collection[str], start_ns: int | None = None) -> Iterator[Raw]:
         """Messages of some topics, recorded at a time or later if the file has an index, in the order of the bag.

@@ -19,11 +19,15 @@ _Found = tuple[str, str, str, int, bytes]
 
 @dataclass(frozen=True)
 class Salvaged:
-    """What is left of a bag: its topics with their types, how its messages are decoded, and the messages again from the front."""
+    """What is left of a bag: its topics with their types, how its messages are decoded, and the messages again from the front.
+
+    ``unknown`` are topics whose types cannot be read.
+    """
 
     topics: dict[str, str]
     decode: Callable[[bytes, str], Any]
     read: Callable[[], Iterator[_Found]]
+    unknown: tuple[str, ...] = ()
 
     def messages(self, topics: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
         """Those of some topics, in the order that they were written in."""
@@ -33,17 +37,22 @@ class Salvaged:
 
 
 def _salvaged(read: Callable[[], Iterator[_Found]], ros1: bool) -> Salvaged:
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+    from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
     topics: dict[str, str] = {}
     types: dict[str, Any] = {}
+    unknown: list[str] = []
     for topic, kind, definition, _, _ in read():
-        if topic not in topics:
+        if topic not in topics and topic not in unknown:
+            try:
+                types.update(get_types_from_msg(definition, kind))
+            except TypesysError:
+                unknown.append(topic)
+                continue
             topics[topic] = kind
-            types.update(get_types_from_msg(definition, kind))
     store = get_typestore(Stores.EMPTY)
     store.register(types)
-    return Salvaged(topics, store.deserialize_ros1 if ros1 else store.deserialize_cdr, read)
+    return Salvaged(topics, store.deserialize_ros1 if ros1 else store.deserialize_cdr, read, tuple(unknown))
 
 
 def salvaged_ros1(path: Path) -> Salvaged | None:
@@ -90,7 +99,8 @@ def salvaged(path: Path) -> Salvaged | None:
     topics = {topic: kind for part in parts for topic, kind in part.topics.items()}
     if not topics:
         return None
-    return Salvaged(topics, parts[0].decode, lambda: itertools.chain.from_iterable(part.read() for part in parts))
+    unknown = tuple(dict.fromkeys(topic for part in parts for topic in part.unknown))
+    return Salvaged(topics, parts[0].decode, lambda: itertools.chain.from_iterable(part.read() for part in parts), unknown)
 
 
 def _sqlite(path: Path) -> Iterator[_Found]:
