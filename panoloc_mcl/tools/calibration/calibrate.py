@@ -72,6 +72,7 @@ def calibrate(
     drives: Sequence[Drive] | None = None,
     progress: Progress = no_progress,
     panorama_map: PanoramaMap | None = None,
+    only_mask: bool = False,
 ) -> Findings:
     """Find the mask, the errors of the calibration, and where the camera sits.
 
@@ -85,6 +86,8 @@ def calibrate(
     progress : callable (done, total, what)
     panorama_map : PanoramaMap, optional
         Of the references, if there is one, for drives with a camera of their own.
+    only_mask : bool
+        Leave the rest of the description as it is.
 
     Raises
     ------
@@ -105,6 +108,8 @@ def calibrate(
     found = Findings(described, described, of_drives, images[len(images) // 2])
     found.lines.append(f"camera of {'the drives, held against the references' if of_drives else 'all images'}")
     _find_mask(found, images, size)
+    if only_mask:
+        return found
     settings = VotesSettings()
     if not of_drives:
         start = references.__class__(

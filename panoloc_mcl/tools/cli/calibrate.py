@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """DATASET, ``-o``, ``--from``, ``--drives``, ``--json``."""
+    """DATASET, ``-o``, ``--from``, ``--drives``, ``--only-mask``, ``--json``."""
     parser.add_argument("dataset", metavar="DATASET", help="folder of a data set, or the name of an embedded one (hall)")
     parser.add_argument(
         "-o",
@@ -31,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="begin with a calibration file of OCamCalib, Kalibr, OpenCV, CamOdoCal, ROS or COLMAP",
     )
     parser.add_argument("--drives", nargs="+", default=["all"], metavar="NAME", help="names or globs of drives (default all)")
+    parser.add_argument("--only-mask", action="store_true", help="find the robot in the images and leave the rest as described")
     add_json_option(parser)
 
 
@@ -45,23 +46,28 @@ def execute(args: argparse.Namespace) -> int:
     start = None if args.calibration is None else _with_calibration(dataset, Path(args.calibration))
     drives = dataset.select(args.drives) if dataset.sequences else []
     with monitor() as watching:
-        found = calibrate(dataset, start, drives, watching.progress)
+        found = calibrate(dataset, start, drives, watching.progress, only_mask=args.only_mask)
     written = [str(file) for file in write_camera(found, Path(args.output))] if args.output else []
     if args.json:
         print(json.dumps(_as_json(found, written)))
         return 0
     for line in found.lines:
         print(line)
-    rows = [("", "before", "after", "standard deviation"), *table_of(found)]
-    widths = [max(len(row[column]) for row in rows) for column in range(4)]
-    for name, *cells in rows:
-        right = (cell.rjust(width) for cell, width in zip(cells, widths[1:], strict=True))
-        print("  ".join([name.ljust(widths[0]), *right]).rstrip())
+    if found.estimates:
+        _print_table(table_of(found))
     if not written:
         print("nothing written; -o camera.yaml writes the camera as found")
     for path in written:
         print(path)
     return 0
+
+
+def _print_table(found: list[tuple[str, str, str, str]]) -> None:
+    rows = [("", "before", "after", "standard deviation"), *found]
+    widths = [max(len(row[column]) for row in rows) for column in range(4)]
+    for name, *cells in rows:
+        right = (cell.rjust(width) for cell, width in zip(cells, widths[1:], strict=True))
+        print("  ".join([name.ljust(widths[0]), *right]).rstrip())
 
 
 def _with_calibration(dataset: Dataset, path: Path) -> AnyCamera:

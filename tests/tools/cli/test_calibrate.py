@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from oracles.rooms import BareRoom
@@ -57,6 +58,26 @@ def test_a_camera_is_found_written_and_read_again(tmp_path: Path, capsys: pytest
     from panoloc_mcl.tools.datasets import read_dataset
 
     assert read_dataset(folder).camera == camera
+
+
+def test_the_mask_alone_leaves_the_rest_as_described(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = recorded(tmp_path / "room")
+    for image in [*folder.rglob("*.png")]:
+        pixels = cv2.imread(str(image), cv2.IMREAD_UNCHANGED)
+        # A strut with stripes, over all rows.
+        pixels[:, 20:30] = 40 + 150 * (np.arange(48)[:, None] // 4 % 2)
+        cv2.imwrite(str(image), pixels)
+    out = tmp_path / "camera.yaml"
+    assert main(["calibrate", str(folder), "-o", str(out), "--only-mask"]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert said[-1] == str(out)
+    assert not any("standard deviation" in line for line in said)
+    camera = read_camera(out)
+    assert isinstance(camera, PanoramaCamera)
+    assert (camera.mount, camera.height_m, camera.elevation_deg) == (None, 0.6, (-50.0, 25.0))
+    assert camera.mask is not None
+    assert (~camera.mask.world[:, 20:30]).mean() > 0.95
+    assert camera.mask.world.mean() > 0.85
 
 
 def test_a_calibration_of_unknown_kind_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
