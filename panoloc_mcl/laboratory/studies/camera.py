@@ -75,16 +75,16 @@ CASES = (
     Case("mirror's focal length 3 % too long", "focal:mild,scale=1.03", raw=True),
 )
 
-# One pixel a degree, as the cylinder has it; fisheyes of 190 degrees side by side.
-_LENS = {"kind": "kannala_brandt", "fx": 57.3, "fy": 57.3, "cx": 95.5, "cy": 95.5}
-_SPHERE = {"kind": "equirectangular", "height_m": 0.6}
-_PAIR = {"kind": "fisheye_pair", "height_m": 0.6, "front": {"lens": _LENS}, "back": {"lens": _LENS, "offset_px": [192, 0]}}
+# Of the cylinder's resolution once they are panoramas, a pixel a degree across and two down; fisheyes of 190 degrees side by side.
+_LENS = {"kind": "kannala_brandt", "fx": 114.6, "fy": 114.6, "cx": 191.5, "cy": 191.5}
+_SPHERE = {"kind": "equirectangular", "height_m": 0.6, "size": [360, 360]}
+_PAIR = {"kind": "fisheye_pair", "height_m": 0.6, "front": {"lens": _LENS}, "back": {"lens": _LENS, "offset_px": [384, 0]}}
 #: Cameras that the simulator takes the same drives with: name, camera, size of its images.
 CAMERAS: tuple[tuple[str, dict[str, Any], tuple[int, int]], ...] = (
-    ("cylinder, -50 to 25°", {"kind": "panorama", "elevation_deg": [-50, 25], "height_m": 0.6}, (360, 145)),
-    ("full sphere", _SPHERE, (360, 180)),
-    ("full sphere, -50 to 25° used", {**_SPHERE, "elevation_deg": [-50, 25]}, (360, 180)),
-    ("two fisheyes", _PAIR, (384, 192)),
+    ("cylinder, -50 to 25°", {"kind": "panorama", "elevation_deg": [-50, 25], "height_m": 0.6}, (360, 150)),
+    ("full sphere", _SPHERE, (720, 360)),
+    ("full sphere, -50 to 25° used", {**_SPHERE, "elevation_deg": [-50, 25], "size": [360, 150]}, (720, 360)),
+    ("two fisheyes", _PAIR, (768, 384)),
 )
 
 _FIGURES = ("mm, median / p95", "heading p95, °", "sure and wrong")
@@ -250,7 +250,14 @@ def _simulated(ask: _Ask, name: str, camera: dict[str, Any], size: tuple[int, in
     path = ask.folder / _file_name(name)
     if not (path / "dataset.yaml").is_file():
         drives = [{"name": light, "light": light, "frames": 24, "every_s": 1.25} for light in ("noon", "evening")]
-        said = {"name": "hall", "scene": "hall", "seed": 1, "references_light": "noon", "sequences": drives}
+        said = {
+            "name": "hall",
+            "scene": "hall",
+            "seed": 1,
+            "references_light": "noon",
+            "sequences": drives,
+            "sensor": {"samples": 2},
+        }
         settings = validate(SimulationConfig, {**said, "camera": camera, "size": size}, f"camera '{name}'")
         Simulation(settings, path.parent).run(path, ask.progress, lambda text: None)
     return path

@@ -18,7 +18,7 @@ from panoloc_mcl.robot.settings.observation import VotesSettings
 from panoloc_mcl.tools.calibration.adjustment import Adjustment, Estimated, adjust
 from panoloc_mcl.tools.calibration.body import FEWEST_IMAGES, MOST_IMAGES, FoundBody, find_body
 from panoloc_mcl.tools.calibration.drives_scene import DrivesScene, Yardstick
-from panoloc_mcl.tools.calibration.odometry import OBSERVABLE_M, OBSERVABLE_RAD, OBSERVABLE_S, Placement, place_camera
+from panoloc_mcl.tools.calibration.odometry import LATE, OBSERVABLE_M, OBSERVABLE_RAD, OBSERVABLE_S, Placement, place_camera
 from panoloc_mcl.tools.calibration.parameters import Parameter, changed, parameters_by_map, parameters_by_references, shown
 from panoloc_mcl.tools.calibration.references_scene import ReferencesScene
 from panoloc_mcl.tools.datasets import Dataset
@@ -230,7 +230,7 @@ def _place(found: Findings, tracked: Sequence[Any]) -> None:
     seen = best.sd_time_s <= OBSERVABLE_S
     value = given + best.time_offset_s if seen else given
     found.estimates.append(_estimate("time_offset_s", "s", given, value, best.sd_time_s if seen else np.inf))
-    if seen and abs(best.time_offset_s) > 3.0 * best.sd_time_s:
+    if seen and abs(best.time_offset_s) > LATE * best.sd_time_s:
         found.camera = found.camera.model_copy(update={"time_offset_s": round(value, 4)})
     if best.sd_m > OBSERVABLE_M:
         found.lines.append("mount.x_m, mount.y_m: not observable, no drive turns enough")

@@ -18,9 +18,9 @@ _SHARES, _LEAST_SHARE, _ROUNDS = (0.1, 0.03), 0.005, 6
 _DRIFT = 0.1
 _IMAGE_M = 0.002
 _OUTLIER, _MEDIAN_CHI2, _UNKNOWN = 3.5, 1.386, 1e4
-#: Not observable with a larger standard deviation: metres, radians, seconds.
 #: A difference of the clocks is believed from so many standard deviations on.
 LATE = 3.0
+#: Not observable with a larger standard deviation: metres, radians, seconds.
 OBSERVABLE_M, OBSERVABLE_RAD, OBSERVABLE_S = 0.05, np.radians(2.0), 0.05
 
 
