@@ -13,10 +13,10 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """``--dataset``, ``--set``, ``--layouts``, ``--keep``."""
+    """``--dataset``, ``--set``, ``--layouts``, ``--leave``."""
     add_data_options(parser, every=False)
     parser.add_argument("--layouts", nargs="+", metavar="NAME", help="such as ros1, mcap-zstd, cold, video; all if left out")
-    parser.add_argument("--keep", type=Path, metavar="DIR", help="leave what was written, and the results, in this folder")
+    parser.add_argument("--leave", type=Path, metavar="DIR", help="leave what was written, and the results, in this folder")
 
 
 def execute(args: argparse.Namespace) -> Report:
@@ -33,7 +33,7 @@ def execute(args: argparse.Namespace) -> Report:
                 f"--layouts {name}: no such layout; {did_you_mean(name, LAYOUTS) or 'there are ' + ', '.join(LAYOUTS)}"
             )
     with monitor() as watching:
-        return study(config_of(args), names, args.keep, watching.progress)
+        return study(config_of(args), names, args.leave, watching.progress)
 
 
 COMMAND = Reporting(

@@ -49,7 +49,7 @@ class _Poses(NullSink):
 
 
 def study(
-    config: RunConfig, names: Sequence[str] = tuple(LAYOUTS), keep: Path | None = None, progress: Progress = no_progress
+    config: RunConfig, names: Sequence[str] = tuple(LAYOUTS), leave: Path | None = None, progress: Progress = no_progress
 ) -> Report:
     """Write a data set's drives in each layout and run on it.
 
@@ -59,7 +59,7 @@ def study(
         Its data set must be one of this package's own layout; ``sequences`` says which drives are taken.
     names : sequence of str
         Of layouts.
-    keep : Path, optional
+    leave : Path, optional
         Where what was written is left; a folder that is removed again if left out.
     progress : callable (done, total, what)
 
@@ -82,7 +82,7 @@ def study(
         "Layouts", ("layout", "MB", "images answered", "poses", "metrics", "position median, mm", "heading median, deg")
     )
     with tempfile.TemporaryDirectory(prefix="panoloc-layouts-") as scratch:
-        folder = keep or Path(scratch)
+        folder = leave or Path(scratch)
         original = _run(config, config.dataset, folder / "results")
         for number, name in enumerate(["original", *names]):
             progress(number, len(names) + 1, name)
@@ -91,7 +91,7 @@ def study(
                 continue
             written = _written(data, [drive.name for drive in drives], name, folder / name)
             table.add(name, *_row(_run(config, str(written), folder / "results"), original, _bytes(written / "sequences")))
-            if keep is None:
+            if leave is None:
                 shutil.rmtree(written)
         progress(len(names) + 1, len(names) + 1, "layouts")
     return report
