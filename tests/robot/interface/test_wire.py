@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from panoloc_mcl.laboratory.studies.streams.racing import race
+from panoloc_mcl.robot.errors import MapError
 from panoloc_mcl.robot.filters import Estimate, Status
 from panoloc_mcl.robot.geometry import compose
 from panoloc_mcl.robot.localizer import Localizer
@@ -124,6 +125,24 @@ def test_thirty_percent_lost_and_the_pose_is_back_within_two_images(panorama_map
         for index, estimate in answered[2:]:
             assert error(drive, index, estimate) < 0.5
             assert estimate.status is Status.CONVERGED
+
+
+def test_a_map_that_does_not_load_leaves_the_old_one_at_work(panorama_map: PanoramaMap, drive: Drive, tmp_path) -> None:
+    damaged = tmp_path / "new.panomap"
+    panorama_map.save(damaged)
+    damaged.write_bytes(damaged.read_bytes()[:-1000])
+    expected = play(Localizer(panorama_map), recorded(drive))
+    localizer, found = Localizer(panorama_map), []
+    for message in recorded(drive):
+        estimate = localizer.add(message)
+        if estimate is not None:
+            found.append(estimate.pose)
+            if message.index == CUT:
+                with pytest.raises(MapError) as caught:
+                    localizer.load_map(PanoramaMap.load(damaged))
+                assert len(caught.value.faults) == 1
+                assert "new.panomap" in str(caught.value)
+    assert np.array_equal(found, [estimate.pose for _, estimate in expected])
 
 
 @pytest.mark.parametrize("seconds", [2.0, pytest.param(20.0, marks=pytest.mark.slow)])
