@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,6 +94,18 @@ class References:
 
     def __len__(self) -> int:
         return len(self.files)
+
+
+class Recorded(Protocol):
+    """What a map is built from: a data set with references."""
+
+    @property
+    def name(self) -> str:
+        """What to call the map."""
+
+    @property
+    def references(self) -> References:
+        """The images of known places."""
 
 
 @dataclass(frozen=True, eq=False)

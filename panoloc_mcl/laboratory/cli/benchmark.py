@@ -31,6 +31,11 @@ def _options_of_building(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--peer", metavar="MODULE:FUNCTION", help="what else builds a map, such as oracles.building:build")
 
 
+def _options_of_mapping(parser: argparse.ArgumentParser) -> None:
+    _options(parser, 1)
+    parser.add_argument("--drives", nargs="+", default=(), metavar="NAME", help="a map of these drives instead of references")
+
+
 def _options_of_pictures(parser: argparse.ArgumentParser) -> None:
     _options(parser, 3)
     parser.add_argument("--frames", type=at_least(1), default=500, metavar="N", help="of the run whose memory is measured")
@@ -94,6 +99,12 @@ def _building(args: argparse.Namespace) -> Report:
     return building(args.dataset, args.repeats, args.peer)
 
 
+def _mapping(args: argparse.Namespace) -> Report:
+    from panoloc_mcl.laboratory.benchmarks.mapping import mapping
+
+    return mapping(args.dataset, args.drives, args.repeats)
+
+
 def _costs(args: argparse.Namespace) -> Report:
     from panoloc_mcl.laboratory.benchmarks.maps import costs
 
@@ -148,6 +159,7 @@ BENCHMARKS = (
         "filter", "the particle filter against NumPy and two packages", _options_of_filter, partial(_on_one_thread, _filter)
     ),
     Reporting("building", "building a map", _options_of_building, partial(_on_one_thread, _building)),
+    Reporting("maps", "mending a map against building it; a map of drives", _options_of_mapping, _mapping),
     Reporting("costs", "an image against the number of places and headings", _options, partial(_on_one_thread, _costs)),
     Reporting("pictures", "writing the report against its run, and its memory", _options_of_pictures, _pictures),
     Reporting("workers", "a comparison on local workers against one process", _options_of_workers, _workers),

@@ -20,6 +20,7 @@ STUDIES = (
     "camera",
     "layouts",
     "racing",
+    "map",
 )
 
 _MEMBERS: list[Reporting] = [importlib.import_module(f"panoloc_mcl.laboratory.cli.studies.{name}").COMMAND for name in STUDIES]

@@ -23,6 +23,8 @@ IMAGES, ODOMETRY, LOOP = 0, 1, 2
 KINDS = ("images", "odometry", "loop")
 # An edge with less weight than this is one that the others contradict.
 BELIEVED = 0.1
+# Nothing moves any more if this share of all keyframes does not.
+_STILL_SHARE = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,11 +77,11 @@ class Edges:
 
     def chosen(self, which: NDArray[np.bool_] | Int64) -> Self:
         """Some of the edges."""
-        return replace(self, **{name: getattr(self, name)[which] for name in _EDGE_ARRAYS})
+        return replace(self, **{name: getattr(self, name)[which] for name in EDGE_ARRAYS})
 
     def joined(self, other: Edges) -> Self:
         """These edges and others."""
-        return replace(self, **{name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in _EDGE_ARRAYS})
+        return replace(self, **{name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in EDGE_ARRAYS})
 
     def among(self, kept: Int64) -> Self:
         """Edges between the keyframes that are kept (ascending indices), numbered anew."""
@@ -88,7 +90,8 @@ class Edges:
         return replace(some, first=np.searchsorted(kept, some.first), second=np.searchsorted(kept, some.second))
 
 
-_EDGE_ARRAYS = ("first", "second", "measured", "covariances", "kinds", "weights")
+#: What edges are made of.
+EDGE_ARRAYS = ("first", "second", "measured", "covariances", "kinds", "weights")
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,7 +177,7 @@ class Keyframes:
     def arrays(self) -> dict[str, NDArray[Any]]:
         """The arrays that a map file keeps."""
         kept: dict[str, NDArray[Any]] = {name: getattr(self, name) for name in ("given", "poses", "covariances", "times")}
-        return kept | {f"edges.{name}": getattr(self.edges, name) for name in _EDGE_ARRAYS}
+        return kept | {f"edges.{name}": getattr(self.edges, name) for name in EDGE_ARRAYS}
 
     def header(self) -> dict[str, Any]:
         """The plain values that a map file keeps."""
@@ -189,7 +192,7 @@ class Keyframes:
         KeyError, ValueError
             Arrays that are missing, or do not fit each other.
         """
-        edges = Edges(**{name: arrays[f"edges.{name}"] for name in _EDGE_ARRAYS})
+        edges = Edges(**{name: arrays[f"edges.{name}"] for name in EDGE_ARRAYS})
         count = len(names)
         shapes = {"given": (count, 3), "poses": (count, 3), "covariances": (count, 3, 3), "times": (count,)}
         for name, shape in shapes.items():
@@ -208,3 +211,10 @@ class Keyframes:
             left_out=dict(header["left_out"]),
             placed_anew=tuple(header["placed_anew"]),
         )
+
+
+def is_still(before: Float64, after: Float64, metres: float, radians: float) -> bool:
+    """Whether nearly all poses (n, 3) moved by less than this."""
+    moved = np.hypot(*(after - before)[:, :2].T)
+    turned = np.abs(angle_difference(after[:, 2], before[:, 2]))
+    return bool(np.mean((moved < metres) & (turned < radians)) >= _STILL_SHARE)

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from panoloc_mcl.robot.geometry import angle_difference, between, compose, wrap_angle
-from panoloc_mcl.robot.map.keyframes import Edges, Keyframes
+from panoloc_mcl.robot.geometry import between, compose, wrap_angle
+from panoloc_mcl.robot.map.keyframes import Edges, Keyframes, is_still
 from panoloc_mcl.robot.map.pairs import PairMeasurements, measure_pairs, neighbour_pairs
 from panoloc_mcl.robot.map.pose_graph import Priors, Solution, solve
 from panoloc_mcl.robot.map.relocation import contradicted, relocated
@@ -40,8 +40,8 @@ _SUPPORTS, _BORNE_OUT = 0.5, 0.1
 # Relative poses that miss each other by more than this share of the way round a triangle cannot mend anything: walls and a floor do not
 # describe the place, or its images are too coarse. Rendered halls and offices close to .01, images of a wood to .3.
 _LEAST_CLOSURE = 0.1
-# Nothing moves any more: of all keyframes this share moved less than that since the round before.
-_STILL_SHARE, _STILL_M, _STILL_RAD = 0.9, 0.003, np.radians(0.05)
+# Nothing moves any more: keyframes moved less than that since the round before.
+_STILL_M, _STILL_RAD = 0.003, np.radians(0.05)
 # An image that is found this near to its given pose was never lost.
 _SAME_POSE_M, _SAME_POSE_RAD = 0.3, np.radians(8.0)
 _NAMED = 8
@@ -139,7 +139,7 @@ class _Mending:
             moved_anew = self._relocate(lost, synthesizer, sufficient)
             exact = self._is_exact(solution)
             self._take(solution, exact, moved_anew)
-            if not moved_anew and (exact or self._still(before)):
+            if not moved_anew and (exact or is_still(before, self.poses, _STILL_M, _STILL_RAD)):
                 break
             if number + 1 < self.settings.rounds:
                 self.panoramas = read_references(self.source.moved_to(self.poses))
@@ -220,11 +220,6 @@ class _Mending:
             keep |= given
         self.poses[~keep] = solution.poses[~keep]
         self.covariances = solution.covariances
-
-    def _still(self, before: Float64) -> bool:
-        moved = np.hypot(*(self.poses - before)[:, :2].T)
-        turned = np.abs(angle_difference(self.poses[:, 2], before[:, 2]))
-        return bool(np.mean((moved < _STILL_M) & (turned < _STILL_RAD)) >= _STILL_SHARE)
 
     def _judge_unfitting(self, lost: Int64, moved_anew: set[int]) -> None:
         """References that fit nowhere: left out where others see that they are wrong; kept, but alone, where a wall may excuse them."""

@@ -12,7 +12,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,15 +24,18 @@ from panoloc_mcl.robot.camera import Camera, PanoramaGeometry, Unwrapper, camera
 from panoloc_mcl.robot.errors import MapError, PanolocError
 from panoloc_mcl.robot.files import known_errors, write_atomically
 from panoloc_mcl.robot.map.drives import Drive
+<<<<<<< HEAD
 from panoloc_mcl.robot.map.headings import with_headings
+=======
+from panoloc_mcl.robot.map.drives.mapping import map_drives
+>>>>>>> bdbabf6 (Study of maps; builds of drives go on where they were stopped; odometry that stands still; updates by a map of the later drive, judged on the past too)
 from panoloc_mcl.robot.map.keyframes import Keyframes
-from panoloc_mcl.robot.map.mapping import map_drives
 from panoloc_mcl.robot.map.mending import Mended, mend
 from panoloc_mcl.robot.observation import ObservationModel, Places, build_settings, model_named
 from panoloc_mcl.robot.observation.base import Arrays
 from panoloc_mcl.robot.observation.scale import references_at, resolution_of
 from panoloc_mcl.robot.progress import Progress, no_progress
-from panoloc_mcl.robot.references import ReferencePanoramas, References
+from panoloc_mcl.robot.references import Recorded, ReferencePanoramas
 from panoloc_mcl.robot.settings.map import MapSettings
 from panoloc_mcl.robot.settings.observation import ObservationSettings, all_observation_settings
 from panoloc_mcl.robot.synthesis.explained_rows import explained
@@ -40,18 +43,6 @@ from panoloc_mcl.robot.synthesis.explained_rows import explained
 FORMAT = "panoloc-map/1"
 _LEAST_SEEN = 0.5
 _HEIGHT_TOLERANCE = 0.25
-
-
-class Recorded(Protocol):
-    """What a map is built from: a data set with references."""
-
-    @property
-    def name(self) -> str:
-        """What to call the map."""
-
-    @property
-    def references(self) -> References:
-        """The images of known places."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +135,7 @@ class PanoramaMap:
         seed: int = 0,
         progress: Progress = no_progress,
         settings: MapSettings | None = None,
+        unfinished: Path | None = None,
     ) -> Self:
         """Build a map from drives with odometry; its frame is that of the first drive's odometry at its first keyframe.
 
@@ -153,6 +145,8 @@ class PanoramaMap:
         drives : sequence of Drive
         observation, seed, progress, settings
             As in `build`.
+        unfinished : Path, optional
+            Where what is done is kept, so that a build that was stopped goes on (see `map_drives`).
 
         Raises
         ------
@@ -161,7 +155,7 @@ class PanoramaMap:
         """
         observation = observation or ObservationSettings()
         with threadpool_limits(1, user_api="blas"):
-            mended = map_drives(drives, observation.votes, settings or MapSettings(), progress)
+            mended = map_drives(drives, observation.votes, settings or MapSettings(), progress, unfinished)
         return cls.of_keyframes(name, mended, observation, seed, progress)
 
     @classmethod

@@ -1,7 +1,7 @@
 """A map that lives on: keyframes of a later drive are added where the map has no view or no such light, and contradicted ones go.
 
-The drive is localized in the map image by image, and its poses are settled by a pose graph of these and of odometry. Some of its images
-are held out: if the new map reads them worse than the old one, the old one stays.
+The drive becomes a map of its own and is laid onto the old one by the images that this knows. Some of its images are held out: if the
+new map reads them worse than the old one, the old one stays.
 """
 
 from __future__ import annotations
@@ -13,18 +13,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.robot.camera import Panorama, Unwrapper
-from panoloc_mcl.robot.errors import ImageError
-from panoloc_mcl.robot.geometry import angle_difference, compose
-from panoloc_mcl.robot.images import read_image
-from panoloc_mcl.robot.map.drives import Drive, check_drives, chosen_keyframes
-from panoloc_mcl.robot.map.keyframes import Edges, Keyframes
-from panoloc_mcl.robot.map.meetings import agreed_motion
+from panoloc_mcl.robot.errors import ImageError, MapError
+from panoloc_mcl.robot.geometry import compose
+from panoloc_mcl.robot.images import ImageSource, read_image
+from panoloc_mcl.robot.map.drives import Drive, check_drives
+from panoloc_mcl.robot.map.drives.mapping import map_drives
+from panoloc_mcl.robot.map.drives.meetings import agreed_motion
+from panoloc_mcl.robot.map.held_out import Judgement, of_keyframes, off, spread_over, used_keyframes, usual_agreement
+from panoloc_mcl.robot.map.keyframes import Keyframes
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.map.pose_graph import Priors, solve
-from panoloc_mcl.robot.observation import ObservationModel, Places, VotesModel
+from panoloc_mcl.robot.observation import Places
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.references import ReferencePanoramas
 from panoloc_mcl.robot.settings.map import MapSettings
+from panoloc_mcl.robot.synthesis.spacing import LEAST_REACH_M
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -41,15 +44,9 @@ _FAR_IN_SPACINGS, _LESS_AGREEMENT = 0.8, 0.85
 _APART_IN_SPACINGS = 0.6
 # Every so many keyframes of the drive are held out, to judge the new map.
 _HELD_OUT = 5
-# Keyframes of the map whose agreement with their neighbours says what is usual.
-_SAMPLED = 8
 # In the same light (median grey levels within this factor) images this near a keyframe contradict it if they agree with the map there
 # less than this share of the usual; so many of them do.
 _SAME_LIGHT, _NEAR_IN_SPACINGS, _CONTRADICTS, _CONTRADICTIONS = 1.3, 0.7, 0.7, 2
-# A held-out image is read rightly within this of where the drive has it.
-_RIGHT_M = 0.25
-# The new map may be worse by this much before the old one is kept.
-_WORSE, _WORSE_M = 1.1, 0.002
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,10 +73,15 @@ class _Seen:
     """Keyframes of a drive as the map sees them; arrays over all of them."""
 
     drive: Drive
-    poses: Float64
-    covariances: Float64
+    files: tuple[ImageSource, ...]
+    keyframes: Keyframes
     agreement: Float64
     brightness: Float64
+
+    @property
+    def poses(self) -> Float64:
+        """In the map's frame."""
+        return self.keyframes.poses
 
 
 def update_map(
@@ -111,12 +113,11 @@ def update_map(
 
 
 def _updated(panorama_map: PanoramaMap, drive: Drive, settings: MapSettings, progress: Progress) -> Update:
-    model = panorama_map.observation_model()
-    seen = _localized(panorama_map, model, drive.of(chosen_keyframes(drive, settings.keyframe_distance_m)), progress)
-    if seen is None:
-        return Update(panorama_map, False, (f"drive {drive.name}: never meets the map; the map stays as it is",))
+    seen = _localized(panorama_map, drive, settings, progress)
+    if isinstance(seen, str):
+        return Update(panorama_map, False, (f"drive {drive.name}: {seen}; the map stays as it is",))
     held_out = np.arange(len(seen.poses)) % _HELD_OUT == _HELD_OUT - 1
-    usual = _usual_agreement(panorama_map)
+    usual = usual_agreement(panorama_map)
     added = _added(panorama_map, seen, ~held_out, usual)
     retired = _retired(panorama_map, seen, added, usual)
     if not len(added):
@@ -124,24 +125,53 @@ def _updated(panorama_map: PanoramaMap, drive: Drive, settings: MapSettings, pro
             panorama_map, False, (f"drive {drive.name}: shows nothing that the map does not know; it stays as it is",)
         )
     new = _rebuilt(panorama_map, seen, added, retired, settings.most_keyframes, progress)
-    before, after = (_judged(m, seen, np.flatnonzero(held_out)) for m in (panorama_map, new))
-    told = (
-        f"{len(added)} keyframes added, {len(retired)} retired; of {before.count} held-out images {after.right} are read rightly "
-        f"(before {before.right}), median {1000 * after.median_m:.0f} mm from where the drive has them (before "
-        f"{1000 * before.median_m:.0f})"
+    later = [_of_drive(one, seen, np.flatnonzero(held_out)) for one in (panorama_map, new)]
+    past = [of_keyframes(one, _comparable(panorama_map, new, seen)) for one in (panorama_map, new)]
+    told = f"{len(added)} keyframes added, {len(retired)} retired; {_told('held-out images of the drive', *later)}" + (
+        f"; {_told('keyframes of before, each without itself', *past)}" if len(past[0].metres) else ""
     )
-    if after.right < before.right or after.median_m > _WORSE * before.median_m + _WORSE_M:
+    if any(after.is_worse_than(before) for before, after in (later, past)):
         return Update(panorama_map, False, (f"drive {drive.name}: the old map is kept, as the new one reads worse: {told}",))
     return Update(new, True, (f"drive {drive.name}: {told}",))
 
 
-def _localized(panorama_map: PanoramaMap, model: ObservationModel, drive: Drive, progress: Progress) -> _Seen | None:
-    """Poses of a drive's keyframes in the map; None if too few images tell them, or they contradict odometry."""
+def _told(what: str, before: Judgement, after: Judgement) -> str:
+    return (
+        f"of {len(after.metres)} {what}, {after.right} are read rightly (before {before.right}), off by {1000 * after.median_m:.0f} mm "
+        f"in the median (before {1000 * before.median_m:.0f})"
+    )
+
+
+def _comparable(old: PanoramaMap, new: PanoramaMap, seen: _Seen) -> list[str]:
+    """Keyframes of before that the drive says nothing new of: in another light than the drive, or far from it."""
+    positions, pixels = old.references.positions, old.references.pixels
+    nearest = np.hypot(*(positions[:, None] - seen.poses[None, :, :2]).transpose(2, 0, 1)).argmin(axis=1)
+    away = np.hypot(*(positions - seen.poses[nearest, :2]).T)
+    light = seen.brightness[nearest] / np.maximum(np.median(pixels.reshape(len(pixels), -1), axis=1), 1.0)
+    other = (away > LEAST_REACH_M) | (light > _SAME_LIGHT) | (light < 1.0 / _SAME_LIGHT)
+    in_both = set(np.array(new.references.names)[used_keyframes(new)])
+    used = used_keyframes(old)
+    kept = np.array([index for index in used[other[used]] if old.references.names[index] in in_both], dtype=np.int64)
+    return [old.references.names[index] for index in spread_over(kept)] if len(kept) else []
+
+
+def _localized(panorama_map: PanoramaMap, drive: Drive, settings: MapSettings, progress: Progress) -> _Seen | str:
+    """Keyframes of a drive with their poses in the map; why not, where too few images tell them, or they contradict each other.
+
+    The drive becomes a map of its own first, whose relative poses are those of one light; then it is laid onto the map by all images
+    that this knows.
+    """
     unwrap = panorama_map.unwrapper(drive.camera, drive.image_size)
-    count = len(drive.files)
+    try:
+        own = map_drives([drive], panorama_map.observation.votes, settings, progress)
+    except MapError as error:
+        return str(error)
+    model = panorama_map.observation_model()
+    keyframes, files = own.keyframes, own.source.files
+    count = len(files)
     measured, sds = np.zeros((count, 3)), np.full((count, 2), np.inf)
     agreement, brightness = np.full(count, np.nan), np.full(count, np.nan)
-    for index, file in enumerate(drive.files):
+    for index, file in enumerate(files):
         panorama = _read(unwrap, file)
         if panorama is not None:
             brightness[index] = float(np.median(panorama.pixels))
@@ -154,15 +184,13 @@ def _localized(panorama_map: PanoramaMap, model: ObservationModel, drive: Drive,
                     spread = np.sqrt([0.5 * (covariance[0, 0] + covariance[1, 1]), covariance[2, 2]])
                     sds[index] = np.maximum(spread, [_LEAST_SD_M, _LEAST_SD_RAD])
         progress(index + 1, count, f"images of {drive.name}")
-    here = drive.camera.mounting.camera_poses(drive.odometry)
     sure = np.flatnonzero(np.isfinite(sds[:, 0]))
-    motion = agreed_motion(measured[sure], here[sure]) if len(sure) else None
+    motion = agreed_motion(measured[sure], keyframes.poses[sure]) if len(sure) else None
     if motion is None:
-        return None
-    odometry = replace(drive, odometry=here).edges(0)
-    solution = solve(compose(motion, here), odometry, Priors(measured, sds))
-    # What is sure of a keyframe is no more than that of the map around it.
-    return _Seen(drive, solution.poses, solution.covariances, agreement, brightness)
+        return "never meets the map"
+    solution = solve(compose(motion, keyframes.poses), keyframes.edges, Priors(measured, sds))
+    settled = replace(keyframes, poses=solution.poses, covariances=solution.covariances, edges=solution.edges)
+    return _Seen(drive, files, settled, agreement, brightness)
 
 
 def _read(unwrap: Unwrapper, file: object) -> Panorama | None:
@@ -178,7 +206,7 @@ def _added(panorama_map: PanoramaMap, seen: _Seen, allowed: Bool, usual: float) 
     spacing = Places(positions).spacing
     nearest = np.hypot(*(seen.poses[:, None, :2] - positions[None]).T).T.min(axis=1)
     wanted = allowed & np.isfinite(seen.agreement)
-    wanted &= (nearest > _FAR_IN_SPACINGS * spacing) | (seen.agreement < _LESS_AGREEMENT * usual)
+    wanted &= (nearest > max(_FAR_IN_SPACINGS * spacing, LEAST_REACH_M)) | (seen.agreement < _LESS_AGREEMENT * usual)
     chosen: list[int] = []
     for index in np.flatnonzero(wanted):
         apart = [np.hypot(*(seen.poses[index] - seen.poses[other])[:2]) for other in chosen]
@@ -217,9 +245,7 @@ def _rebuilt(
     pixels, masks = [], []
     for index in added:
         turn = -float(seen.poses[index, 2])
-        panorama = Unwrapper(seen.drive.camera, seen.drive.image_size, references.geometry, turn)(
-            read_image(seen.drive.files[index])
-        )
+        panorama = Unwrapper(seen.drive.camera, seen.drive.image_size, references.geometry, turn)(read_image(seen.files[index]))
         pixels.append(np.clip(np.rint(panorama.pixels), 0, 255).astype(np.uint8))
         masks.append(np.ones(references.geometry.shape, dtype=np.bool_) if panorama.valid is None else panorama.valid)
     old = references.of(kept)
@@ -227,7 +253,7 @@ def _rebuilt(
     if valid is not None or not all(mask.all() for mask in masks):
         before = np.ones(old.pixels.shape, dtype=np.bool_) if valid is None else valid
         valid = np.concatenate([before, np.array(masks, dtype=np.bool_).reshape(-1, *references.geometry.shape)])
-    names = (*old.names, *(f"{seen.drive.name}/{seen.drive.files[index].name}" for index in added))
+    names = (*old.names, *(seen.keyframes.names[index] for index in added))
     panoramas = ReferencePanoramas(
         pixels=np.concatenate([old.pixels, np.array(pixels, dtype=np.uint8).reshape(-1, *references.geometry.shape)]),
         valid=valid,
@@ -240,53 +266,24 @@ def _rebuilt(
 
 
 def _joined(keyframes: Keyframes, seen: _Seen, added: Int64, names: tuple[str, ...]) -> Keyframes:
+    new = seen.keyframes.of(added)
+    edges = replace(new.edges, first=new.edges.first + len(keyframes), second=new.edges.second + len(keyframes))
     return replace(
         keyframes,
         names=names,
-        given=np.concatenate([keyframes.given, seen.poses[added]]),
-        poses=np.concatenate([keyframes.poses, seen.poses[added]]),
-        covariances=np.concatenate([keyframes.covariances, seen.covariances[added]]),
-        times=np.concatenate([keyframes.times, seen.drive.times[added]]),
-        drives=(*keyframes.drives, *(seen.drive.name for _ in added)),
-        edges=keyframes.edges.joined(Edges.none()),
+        given=np.concatenate([keyframes.given, new.poses]),
+        poses=np.concatenate([keyframes.poses, new.poses]),
+        covariances=np.concatenate([keyframes.covariances, new.covariances]),
+        times=np.concatenate([keyframes.times, new.times]),
+        drives=(*keyframes.drives, *new.drives),
+        edges=keyframes.edges.joined(edges),
     )
 
 
-def _usual_agreement(panorama_map: PanoramaMap) -> float:
-    """Agreement of the map's own keyframes with views made from their neighbours, the median of a few held out."""
-    model = panorama_map.observation_model()
-    if not isinstance(model, VotesModel):
-        return 0.0
-    count = len(panorama_map.references)
-    found = []
-    for index in np.unique(np.linspace(0, count - 1, min(count, _SAMPLED)).round().astype(np.int64)):
-        field = model.held_out(int(index)).observe(panorama_map.references.panorama(int(index)))
-        if field.measurement is not None:
-            found.append(field.measurement.agreement.cosine)
-    return float(np.median(found)) if found else 0.0
-
-
-@dataclass(frozen=True)
-class _Judgement:
-    count: int
-    right: int
-    median_m: float
-
-
-def _judged(panorama_map: PanoramaMap, seen: _Seen, held_out: Int64) -> _Judgement:
-    """How a map reads images that it was not made of."""
+def _of_drive(panorama_map: PanoramaMap, seen: _Seen, held_out: Int64) -> Judgement:
+    """Of images of the drive."""
     model = panorama_map.observation_model()
     unwrap = panorama_map.unwrapper(seen.drive.camera, seen.drive.image_size)
-    errors = []
-    for index in held_out:
-        panorama = _read(unwrap, seen.drive.files[index])
-        field = None if panorama is None else model.observe(panorama)
-        if field is None or not field.informative:
-            errors.append(np.inf)
-            continue
-        pose = field.best_pose if field.measurement is None else field.measurement.pose
-        turned = abs(float(angle_difference(pose[2], seen.poses[index, 2])))
-        errors.append(float(np.hypot(*(pose - seen.poses[index])[:2])) if turned < np.radians(10.0) else np.inf)
-    found = np.array(errors)
-    right = found < _RIGHT_M
-    return _Judgement(len(found), int(right.sum()), float(np.median(found[right])) if right.any() else _RIGHT_M)
+    read = [_read(unwrap, seen.files[index]) for index in held_out]
+    fields = [None if panorama is None else model.observe(panorama) for panorama in read]
+    return Judgement(np.array([off(field, seen.poses[index]) for field, index in zip(fields, held_out, strict=True)]))

@@ -74,7 +74,7 @@ _LEAST_VARIANCE = 1e-4
 _SMALLEST_STEP_M, _SMALLEST_TURN = 1.5e-3, np.radians(0.01)
 # Of the standard deviation: a step this small is not worth another one.
 _SMALL = 0.3
-# Sources are weighted by 1 / (distance + this).
+# Sources are weighted by 1 / (distance + this), and by how sure their own poses are.
 _NEAR_M = 0.05
 # Columns count where they agree, over a window around them, by this share of the upper quartile of all at the least.
 _AGREEING_WINDOW_DEG, _AGREEING_SHARE = 21.0, 0.6
@@ -261,7 +261,7 @@ class PoseRefiner:
         if self._synthesizer.alone[nearest]:
             return np.ones(1), np.array([nearest])
         distances, indices = self._synthesizer.sources_around(position, count)
-        weights = 1.0 / (distances + _NEAR_M)
+        weights = self._synthesizer.trust[indices] / (distances + _NEAR_M)
         return weights / weights.sum(), indices
 
     def _view(self, source: int, position: Float64, profile: Float64, step: Step) -> tuple[Complex64, Bool]:

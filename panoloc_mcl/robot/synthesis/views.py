@@ -21,6 +21,8 @@ Float64 = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 Bool = NDArray[np.bool_]
 
+# What a pose read off views of one reference errs by, however sure its own is; metres. Of pairs of rendered references 1 m apart.
+_VIEW_SD_M = 0.005
 # cv2.remap interpolates between neighbouring columns only.
 MARGIN = 4
 _KEPT_IMAGES = 64
@@ -104,6 +106,16 @@ class ViewSynthesizer:
         """Distances and indices of the nearest references that views can be made from."""
         distances, found = self._tree.query(position, k=min(count, len(self._sources)))
         return np.atleast_1d(distances), self._sources[np.atleast_1d(found)]
+
+    @cached_property
+    def trust(self) -> Float64:
+        """How much every reference counts as a source, (n,): 1 where its pose is as sure as usual, more or less where not."""
+        sds = self.references.sds
+        if sds is None:
+            return np.ones(len(self.references))
+        variances = np.square(sds[:, 0])
+        usual = float(np.median(variances[self._sources])) if len(self._sources) else 0.0
+        return np.asarray((_VIEW_SD_M**2 + usual) / (_VIEW_SD_M**2 + variances))
 
     def errors_at(self, weights: Float64, sources: NDArray[np.int64], position: Float64) -> Float64:
         """Covariance of what the map errs by in a pose that is read off views of sources, float64 (3, 3), metres and radians.

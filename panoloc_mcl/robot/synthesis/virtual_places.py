@@ -109,7 +109,7 @@ def synthetic_features(synthesizer: ViewSynthesizer, position: Float64, settings
     for distance, source in zip(*synthesizer.sources_around(position, settings.virtual_places.sources), strict=True):
         view = synthesizer.view(int(source), position, synthesizer.profile_at(int(source), position))
         z, usable = orientations(view, settings)
-        weight = np.float32(1.0 / (distance + _NEAR_M))
+        weight = np.float32(synthesizer.trust[source] / (distance + _NEAR_M))
         total += weight * z
         weights += weight * usable
     seen = weights > 0.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from panoloc_mcl.tools.cli.command import Command, add_json_option, add_set_option, overrides_of
@@ -35,20 +36,25 @@ def execute(args: argparse.Namespace) -> int:
     from panoloc_mcl.robot.map.panorama_map import PanoramaMap
     from panoloc_mcl.tools.cli.monitor import monitor
     from panoloc_mcl.tools.config import Override, config_from_mapping
-    from panoloc_mcl.tools.conventions import reference_findings
+    from panoloc_mcl.tools.conventions import drive_findings, reference_findings
     from panoloc_mcl.tools.datasets import read_dataset, resolve_dataset
     from panoloc_mcl.tools.runs.map_drives import drives_of
 
+    # A build that is stopped goes on from here the next time.
+    unfinished = Path(f"{args.output}.unfinished")
     named = [Override("dataset", args.dataset, args.dataset)]
     config = config_from_mapping({}, "build-map", overrides_of(args, named))
     with monitor() as watching:
         dataset = read_dataset(resolve_dataset(config.dataset), config.recording)
-        made: tuple[Any, ...] = (config.observation, config.seed, watching.progress, config.map)
+        made: tuple[Any, Any, Any, Any] = (config.observation, config.seed, watching.progress, config.map)
         if args.drives:
             drives, said = drives_of(dataset, args.drives)
             for line in said:
                 watching.notice(line)
-            built = PanoramaMap.of_drives(dataset.name, drives, *made)
+            for recorded in dataset.select(args.drives):
+                for finding in drive_findings(recorded):
+                    watching.notice(finding)
+            built = PanoramaMap.of_drives(dataset.name, drives, *made, unfinished=unfinished)
         else:
             findings = reference_findings(dataset.references)
             if findings and not args.as_written:
@@ -59,6 +65,7 @@ def execute(args: argparse.Namespace) -> int:
         for note in built.notes:
             watching.notice(f"map: {note}")
         built.save(args.output)
+        unfinished.unlink(missing_ok=True)
     report(built, args.output, args.json)
     return 0
 

@@ -1,12 +1,16 @@
 """Maps that live on, in the small room: a map of one half of it learns the other."""
 
 from dataclasses import replace
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
+from panoloc_mcl.robot.errors import MapError
 from panoloc_mcl.robot.geometry import angle_difference, compose
-from panoloc_mcl.robot.map.meetings import agreed_motion
+from panoloc_mcl.robot.map.drives.meetings import agreed_motion
+from panoloc_mcl.robot.map.held_out import Judgement
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.map.updating import update_map
 from panoloc_mcl.robot.settings.map import MapSettings
@@ -55,3 +59,46 @@ def test_a_map_learns_what_it_has_not_seen_or_stays_as_it_is(small_room: Dataset
         assert set(done.panorama_map.keyframes.drives) == {"", drives[0].name}
     else:
         assert done.panorama_map is half
+
+
+@pytest.fixture(scope="module")
+def whole(small_room: Dataset) -> PanoramaMap:
+    return PanoramaMap.build(small_room, settings=MapSettings(file=None, mend=False))
+
+
+@pytest.mark.slow
+def test_a_drive_of_another_camera_is_refused_before_anything_is_done(whole: PanoramaMap, small_room: Dataset):
+    (drive,), _ = drives_of(small_room, ["*"])
+    other = drive.camera.model_copy(update={"elevation_deg": (20.0, 80.0)})
+    with pytest.raises(MapError, match="built for another camera"):
+        update_map(whole, [replace(drive, camera=other)], MapSettings(file=None))
+
+
+@pytest.mark.slow
+def test_a_drive_in_the_dark_changes_nothing(whole: PanoramaMap, small_room: Dataset, tmp_path: Path):
+    (drive,), _ = drives_of(small_room, ["*"])
+    dark = tmp_path / "dark.png"
+    cv2.imwrite(str(dark), np.zeros(drive.image_size[::-1], np.uint8))
+    done = update_map(whole, [replace(drive, files=(dark,) * len(drive.files))], MapSettings(file=None))
+    assert done.panorama_map is whole
+    assert not done.changed
+    assert "no image shows anything" in done.notes[-1]
+    assert done.notes[-1].endswith("the map stays as it is")
+
+
+@pytest.mark.slow
+def test_a_drive_through_what_the_map_knows_changes_nothing(whole: PanoramaMap, small_room: Dataset):
+    drives, _ = drives_of(small_room, ["*"])
+    done = update_map(whole, drives, MapSettings(file=None))
+    assert done.panorama_map is whole or "read rightly" in done.notes[-1]
+
+
+def test_a_map_that_reads_worse_is_known():
+    before = Judgement(np.array([0.01, 0.012, 0.011, np.inf]))
+    assert not Judgement(np.array([0.011, 0.012, 0.012, np.inf])).is_worse_than(before)
+    assert not Judgement(np.array([0.005, 0.006, 0.005, 0.2])).is_worse_than(before)
+    # One image less, or all less exactly.
+    assert Judgement(np.array([0.005, 0.006, np.inf, np.inf])).is_worse_than(before)
+    assert Judgement(np.array([0.02, 0.02, 0.02, 0.02])).is_worse_than(before)
+    # Nothing to be judged by says nothing.
+    assert not Judgement(np.zeros(0)).is_worse_than(Judgement(np.zeros(0)))

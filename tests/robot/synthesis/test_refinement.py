@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from oracles.scenes import panorama
@@ -7,7 +9,7 @@ from panoloc_mcl.robot.geometry import angle_difference
 from panoloc_mcl.robot.kernels.alignment import column_products, normal_equations
 from panoloc_mcl.robot.settings.observation import RefinementSettings, VotesSettings
 from panoloc_mcl.robot.synthesis import PoseRefiner
-from panoloc_mcl.robot.synthesis.views import FloorRays
+from panoloc_mcl.robot.synthesis.views import FloorRays, ViewSynthesizer
 
 SETTINGS = VotesSettings()
 TILT = np.radians(2.0)
@@ -66,6 +68,44 @@ def test_any_number_of_sources_will_do(small, sources: int) -> None:
     assert far < 0.02
     assert turned < 0.5
     assert positive_definite(measured.covariance)
+
+
+def unsure(world, sds: np.ndarray, moved: np.ndarray) -> ViewSynthesizer:
+    """The world's views, with one reference off by ``moved``, and poses of the references claimed to be so sure."""
+    references = world.exact.references
+    positions = references.positions.copy()
+    positions[0] += moved
+    return ViewSynthesizer(replace(references, positions=positions, sds=sds), world.exact.profiles, world.exact.camera_height_m)
+
+
+def test_references_that_are_less_sure_of_their_poses_count_less(small) -> None:
+    count = len(small.exact.references)
+    sure = np.tile([0.002, np.radians(0.05)], (count, 1))
+    doubtful = sure.copy()
+    doubtful[0] = [0.2, np.radians(5.0)]
+    moved = np.array([0.12, -0.1])
+    truth = np.array([*(small.exact.references.positions[0] + [0.3, 0.25]), 0.4])
+    z, usable = orientations(small.room.panorama(small.geometry, truth), SETTINGS)
+    errors = []
+    for sds in (sure, doubtful):
+        measured = PoseRefiner(unsure(small, sds, moved), SETTINGS).refine(z, usable, truth)
+        errors.append(float(np.hypot(*(measured.pose - truth)[:2])))
+    assert errors[1] < 0.6 * errors[0]
+    # Where all are alike nothing changes, to the last bit.
+    alike = [
+        PoseRefiner(unsure(small, sds, 0.0 * moved), SETTINGS).refine(z, usable, truth).pose for sds in (sure, 30.0 * sure)
+    ]
+    np.testing.assert_array_equal(*alike)
+
+
+def test_what_is_claimed_of_an_answer_contains_what_the_map_claims_of_itself(small) -> None:
+    count = len(small.exact.references)
+    truth = np.array([*(small.exact.references.positions[0] + [0.3, 0.25]), 0.4])
+    z, usable = orientations(small.room.panorama(small.geometry, truth), SETTINGS)
+    sds = np.tile([0.03, np.radians(1.0)], (count, 1))
+    measured = PoseRefiner(unsure(small, sds, np.zeros(2)), SETTINGS).refine(z, usable, truth)
+    assert (np.sqrt(np.diag(measured.covariance)) >= [0.03, 0.03, np.radians(1.0)]).all()
+    assert (np.linalg.eigvalsh(measured.covariance - measured.of_map) > 0.0).all()
 
 
 def test_headings_come_out_within_the_range(small) -> None:

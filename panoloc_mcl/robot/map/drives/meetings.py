@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.robot.geometry import angle_difference, compose, inverse, wrap_angle
-from panoloc_mcl.robot.map.loops import Likeness
+from panoloc_mcl.robot.map.drives.likeness import Likeness
 from panoloc_mcl.robot.map.pairs import measure_pairs
 from panoloc_mcl.robot.settings.observation import VotesSettings
 from panoloc_mcl.robot.synthesis import ViewSynthesizer

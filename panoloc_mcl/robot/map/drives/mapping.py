@@ -15,14 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.robot.errors import MapError
-from panoloc_mcl.robot.geometry import angle_difference, between, wrap_angle
-from panoloc_mcl.robot.map.drives import Drive, check_drives, chosen_keyframes
-from panoloc_mcl.robot.map.keyframes import BELIEVED, LOOP, ODOMETRY, Edges, Keyframes
-from panoloc_mcl.robot.map.loops import Likeness, proposed, verified
-from panoloc_mcl.robot.map.meetings import meeting
+from panoloc_mcl.robot.geometry import between, wrap_angle
+from panoloc_mcl.robot.map.drives.choice import keyframes_of, that_show_something
+from panoloc_mcl.robot.map.drives.drive import Drive, check_drives
+from panoloc_mcl.robot.map.drives.likeness import Likeness
+from panoloc_mcl.robot.map.drives.loops import proposed, verified
+from panoloc_mcl.robot.map.drives.meetings import meeting
+from panoloc_mcl.robot.map.drives.stages import Stage, Stages
+from panoloc_mcl.robot.map.keyframes import BELIEVED, LOOP, ODOMETRY, Edges, Keyframes, is_still
 from panoloc_mcl.robot.map.mending import Mended, robot_edges
 from panoloc_mcl.robot.map.pairs import measure_pairs, neighbour_pairs
-from panoloc_mcl.robot.map.pose_graph import Priors, Solution, solve
+from panoloc_mcl.robot.map.pose_graph import Priors, solve
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.references import ReferencePanoramas, References, read_references
 from panoloc_mcl.robot.settings.map import MapSettings
@@ -43,13 +46,15 @@ _LOOP_AFTER = 6
 _GATE_M, _GATE_PER_M = 0.8, 0.02
 _GATE_RAD, _GATE_RAD_PER_M, _WIDEST_RAD = np.radians(12.0), np.radians(0.5), np.radians(50.0)
 _LEAST_SHARE = 0.6
-_STILL_SHARE, _STILL_M, _STILL_RAD = 0.9, 0.004, np.radians(0.05)
-# Grey levels that an image varies by at the least, standard deviation: less is dark, covered or saturated.
-_LEAST_SPREAD = 2.0
+_STILL_M, _STILL_RAD = 0.004, np.radians(0.05)
 
 
 def map_drives(
-    drives: Sequence[Drive], votes: VotesSettings, settings: MapSettings, progress: Progress = no_progress
+    drives: Sequence[Drive],
+    votes: VotesSettings,
+    settings: MapSettings,
+    progress: Progress = no_progress,
+    unfinished: Path | None = None,
 ) -> Mended:
     """Keyframes of drives with poses in one frame, that of the first drive's odometry at its first keyframe.
 
@@ -61,15 +66,17 @@ def map_drives(
         How images are compared.
     settings : MapSettings
     progress : callable (done, total, what)
+    unfinished : Path, optional
+        Where stages that are done are kept; if the file is there and of the same drives, it goes on after the last of them.
 
     Raises
     ------
-    MapError, ImageError
-        Drives that no map can be made of; images that cannot be read.
+    MapError, ImageError, OutputError
+        Drives that no map can be made of; images that cannot be read; stages that cannot be kept.
     """
     notes = list(check_drives(drives))
-    chosen = [drive.of(chosen_keyframes(drive, settings.keyframe_distance_m)) for drive in drives]
-    return _Mapping(chosen, votes, settings, progress, notes).run()
+    chosen = [keyframes_of(drive, votes, settings.keyframe_distance_m, notes) for drive in drives]
+    return _Mapping(chosen, votes, settings, progress, notes).run(Stages(unfinished, chosen, votes, settings))
 
 
 class _Mapping:
@@ -81,24 +88,14 @@ class _Mapping:
         self.votes, self.settings, self.progress, self.notes = votes, settings, progress, notes
         self.threads = votes.virtual_places.threads or os.cpu_count() or 1
         self._read(drives)
-        self.edges = Edges.none()
+        self.edges = self.solved = Edges.none()
+        self.covariances = np.zeros((len(self.poses), 3, 3))
+        self.settled = False
         # Headings by which the panoramas at hand were turned to 0.
         self._turned: Float64 = self.poses[:, 2].copy()
 
     def _read(self, drives: list[Drive]) -> None:
-        """Read the images; those without texture are left out."""
-        kept = []
-        for drive in drives:
-            panoramas = read_references(_source(drive), self.progress)
-            spread = panoramas.pixels.reshape(len(panoramas), -1).astype(np.float32).std(axis=1)
-            seen = spread > _LEAST_SPREAD
-            if not seen.all():
-                self.notes.append(
-                    f"drive {drive.name}: {np.sum(~seen)} of {len(drive.files)} keyframes show nothing (dark, covered or "
-                    "saturated) and are left out"
-                )
-            if seen.sum() >= 2:
-                kept.append(drive.of(np.flatnonzero(seen)))
+        kept = [seen for drive in drives if len((seen := that_show_something(drive, self.notes, self.progress)).files) >= 2]
         if not kept:
             raise MapError("drives: no image shows anything; a map needs light")
         self.drives = kept
@@ -109,22 +106,60 @@ class _Mapping:
         self.poses = self.given.copy()
         self.odometry = Edges.none()
         for start, drive in zip(self.starts, kept, strict=False):
-            standing = replace_odometry(drive, mounting.camera_poses(drive.odometry))
+            standing = replace(drive, odometry=mounting.camera_poses(drive.odometry))
             self.odometry = self.odometry.joined(standing.edges(int(start)))
         #: Drives that are in the map's frame already; the others wait until they meet.
         self.anchored = [0]
+        #: Of those given, the ones that the map is made of.
+        self.kept_drives = list(range(len(kept)))
 
-    def run(self) -> Mended:
+    def run(self, stages: Stages) -> Mended:
         """Along the way, loops, and rounds among all that are near."""
-        synthesizer, sufficient = self._along_the_way()
-        self._meet(synthesizer, sufficient)
-        self._close_loops(synthesizer, sufficient)
-        for _ in range(max(1, self.settings.rounds - 2)):
+        done, synthesizer, sufficient = self._resumed(stages)
+        if done < 1:
+            synthesizer, sufficient = self._along_the_way()
+            if self._meet(synthesizer, sufficient):
+                synthesizer = self._synthesizer(None)
+            views = (self._turned, synthesizer.references.positions, synthesizer.profiles)
+            stages.keep(replace(self._stage(1), sufficient=sufficient, views=views))
+        if done < 2:
+            assert synthesizer is not None
+            self._close_loops(synthesizer, sufficient)
+            stages.keep(self._stage(2))
+        for number in range(max(1, self.settings.rounds - 2)):
+            if self.settled or done >= 3 + number:
+                continue
             before = self.poses.copy()
-            solution = self._among_the_near()
-            if self._still(before):
-                break
-        return self._result(solution)
+            self._among_the_near()
+            self.settled = is_still(before, self.poses, _STILL_M, _STILL_RAD)
+            stages.keep(self._stage(3 + number))
+        return self._result()
+
+    def _resumed(self, stages: Stages) -> tuple[int, ViewSynthesizer | None, float]:
+        """The last stage that was done, and what the next needs of it."""
+        stage = stages.last()
+        if stage is None:
+            return 0, None, 0.0
+        self._keep(np.flatnonzero(np.isin(self.owner, stage.drives)), stage.drives)
+        self.anchored = list(range(len(self.drives)))
+        self.notes, self.settled = stage.notes, stage.settled
+        self.poses, self.covariances = stage.poses, stage.covariances
+        self._take(stage.edges)
+        if stage.views is None:
+            return stage.number, None, 0.0
+        self._turned, at, profiles = stage.views
+        self.panoramas = read_references(self._whole().moved_to(np.column_stack([at, self._turned])), self.progress)
+        assert self.panoramas.camera_height_m is not None
+        synthesizer = ViewSynthesizer(replace(self.panoramas, positions=at), profiles, self.panoramas.camera_height_m)
+        return stage.number, synthesizer, stage.sufficient
+
+    def _stage(self, number: int) -> Stage:
+        return Stage(number, self.kept_drives, self.notes, self.settled, self.poses, self.covariances, self.solved)
+
+    def _take(self, edges: Edges) -> None:
+        """Edges of the graph that was solved."""
+        self.solved = edges
+        self.edges = edges.chosen(edges.kinds != ODOMETRY)
 
     def _along_the_way(self) -> tuple[ViewSynthesizer, float]:
         """Depths and relative poses from keyframes before and after."""
@@ -150,10 +185,10 @@ class _Mapping:
         ]
         return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
-    def _meet(self, synthesizer: ViewSynthesizer, sufficient: float) -> None:
-        """Bring every further drive into the frame of those that are there, where images of both agree."""
+    def _meet(self, synthesizer: ViewSynthesizer, sufficient: float) -> bool:
+        """Bring every further drive into the frame of those that are there, where images of both agree; whether any never does."""
         if len(self.drives) == 1:
-            return
+            return False
         likeness = Likeness(self.panoramas, self.votes)
         waiting = list(range(1, len(self.drives)))
         while waiting:
@@ -175,22 +210,23 @@ class _Mapping:
             self.notes.append(
                 f"drives that never meet the others are left out: {names}; make a map of each, or drive a way between"
             )
-            self._keep(np.flatnonzero(np.isin(self.owner, self.anchored)))
+            kept = np.flatnonzero(np.isin(self.owner, self.anchored))
+            self._keep(kept, sorted(self.anchored))
+            self.panoramas, self._turned = self.panoramas.of(kept), self._turned[kept]
+            self.anchored = list(range(len(self.drives)))
+            self._solve()
+        return bool(waiting)
 
-    def _keep(self, kept: Int64) -> None:
+    def _keep(self, kept: Int64, drives: list[int]) -> None:
         """Go on with some keyframes (whole drives) only."""
         self.edges, self.odometry = self.edges.among(kept), self.odometry.among(kept)
         self.poses, self.given, self.owner = self.poses[kept], self.given[kept], self.owner[kept]
-        self.panoramas, self._turned = self.panoramas.of(kept), self._turned[kept]
-        self.drives = [self.drives[drive] for drive in sorted(self.anchored)]
-        self.owner = np.searchsorted(sorted(self.anchored), self.owner)
+        self.drives, self.kept_drives = [self.drives[drive] for drive in drives], drives
+        self.owner = np.searchsorted(drives, self.owner)
         self.starts = np.concatenate([[0], np.cumsum([len(drive.files) for drive in self.drives])])
-        self.anchored = list(range(len(self.drives)))
 
     def _close_loops(self, synthesizer: ViewSynthesizer, sufficient: float) -> None:
         """Loops within drives and between them, twice: what the first ones pull straight brings others within reach."""
-        if len(synthesizer.references) != len(self.poses):
-            synthesizer = self._synthesizer(None)
         likeness = Likeness(self.panoramas, self.votes)
         for _ in range(2):
             way = self._way_between()
@@ -209,7 +245,7 @@ class _Mapping:
             self.edges = self.edges.chosen(self.edges.kinds != LOOP).joined(loops)
             before = self.poses.copy()
             self._solve()
-            if not len(loops) or self._still(before):
+            if not len(loops) or is_still(before, self.poses, _STILL_M, _STILL_RAD):
                 break
 
     def _way_between(self) -> Float64:
@@ -219,7 +255,7 @@ class _Mapping:
         along = np.concatenate([[0.0], np.cumsum(step)])
         return np.where(self.owner[:, None] == self.owner[None], np.abs(np.subtract.outer(along, along)), 20.0)
 
-    def _among_the_near(self) -> Solution:
+    def _among_the_near(self) -> None:
         """Depths and relative poses among all keyframes that are near each other."""
         self.panoramas = self._panoramas()
         pairs = neighbour_pairs(self.panoramas.positions, self.settings.neighbours, _FARTHEST_M)
@@ -232,7 +268,7 @@ class _Mapping:
         along = np.abs(edges.first - edges.second) < _LOOP_AFTER
         loops = np.where(along & (self.owner[edges.first] == self.owner[edges.second]), edges.kinds, LOOP)
         self.edges = replace(edges, kinds=loops)
-        return self._solve()
+        self._solve()
 
     def _believed_neighbours(self) -> list[list[int]]:
         """Of every keyframe, those nearest that an edge joins it to: depth is not judged by one that may lie elsewhere."""
@@ -249,18 +285,15 @@ class _Mapping:
             found.append(joined[np.argsort(away, kind="stable")][:wanted].tolist())
         return found
 
-    def _solve(self) -> Solution:
+    def _solve(self) -> None:
         sds = np.full((len(self.poses), 2), np.inf)
         # The frame: the first keyframe of the first drive stays; drives that have not met yet stay where odometry has them.
         for drive in range(len(self.drives)):
             if drive == 0 or drive not in self.anchored:
                 sds[self.starts[drive]] = 1e-4
-        images = self.edges
-        every = self.odometry.joined(images)
-        solution = solve(self.poses, every, Priors(self.poses.copy(), sds, robust=False))
-        self.poses = solution.poses
-        self.edges = solution.edges.chosen(solution.edges.kinds != ODOMETRY)
-        return solution
+        solution = solve(self.poses, self.odometry.joined(self.edges), Priors(self.poses.copy(), sds, robust=False))
+        self.poses, self.covariances = solution.poses, solution.covariances
+        self._take(solution.edges)
 
     def _panoramas(self) -> ReferencePanoramas:
         self._turned = self.poses[:, 2].copy()
@@ -276,26 +309,21 @@ class _Mapping:
         profiles = sweep_profiles(references, height, self.votes, self.progress, self.threads, neighbours)
         return ViewSynthesizer(references, profiles, height)
 
-    def _still(self, before: Float64) -> bool:
-        moved = np.hypot(*(self.poses - before)[:, :2].T)
-        turned = np.abs(angle_difference(self.poses[:, 2], before[:, 2]))
-        return bool(np.mean((moved < _STILL_M) & (turned < _STILL_RAD)) >= _STILL_SHARE)
-
     def _whole(self) -> References:
         files = tuple(file for drive in self.drives for file in drive.files)
         first = self.drives[0]
         return References(Path(first.name), files, self.poses, first.camera, first.image_size)
 
-    def _result(self, solution: Solution) -> Mended:
+    def _result(self) -> Mended:
         names = tuple(f"{drive.name}/{file.name}" for drive in self.drives for file in drive.files)
         keyframes = Keyframes(
             names,
             self.given,
             self.poses,
-            solution.covariances,
+            self.covariances,
             np.concatenate([drive.times for drive in self.drives]),
             tuple(drive.name for drive in self.drives for _ in drive.files),
-            solution.edges,
+            self.solved,
         )
         source = self._whole().moved_to(self.poses)
         panoramas = replace(read_references(source, self.progress), names=names)
@@ -311,14 +339,12 @@ def _summary(keyframes: Keyframes) -> Iterator[str]:
         f"{len(keyframes)} keyframes over {way:.0f} m, {len(edges)} relative poses, {believed} of {int(loops.sum())} between keyframes "
         f"that met again are borne out"
     )
+    borne_out = edges.chosen((edges.kinds != ODOMETRY) & (edges.weights >= BELIEVED))
+    alone = np.setdiff1d(np.arange(len(keyframes)), np.concatenate([borne_out.first, borne_out.second]))
+    if len(alone):
+        yield (
+            f"{len(alone)} keyframes fit no other, first {keyframes.names[alone[0]]}; odometry alone says where they were taken, and "
+            "they count less"
+        )
     if believed == 0:
         yield "the drive closes no loop: the map is as straight as its steps are; drive over a place again to close one"
-
-
-def replace_odometry(drive: Drive, poses: Float64) -> Drive:
-    """The drive with other poses."""
-    return replace(drive, odometry=poses)
-
-
-def _source(drive: Drive) -> References:
-    return References(Path(drive.name), drive.files, drive.odometry, drive.camera, drive.image_size)

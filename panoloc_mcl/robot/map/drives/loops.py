@@ -6,18 +6,15 @@ refinement in both directions. The pose graph then accepts those that agree with
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
 
-from panoloc_mcl.robot.eigenspace.gradients import orientations
 from panoloc_mcl.robot.geometry import angle_difference, between, compose, wrap_angle
+from panoloc_mcl.robot.map.drives.likeness import Likeness
 from panoloc_mcl.robot.map.keyframes import LOOP, Edges
 from panoloc_mcl.robot.map.mending import robot_edges
 from panoloc_mcl.robot.map.pairs import PairMeasurements, measure_pairs
 from panoloc_mcl.robot.progress import Progress, no_progress
-from panoloc_mcl.robot.references import ReferencePanoramas
 from panoloc_mcl.robot.settings.observation import VotesSettings
 from panoloc_mcl.robot.synthesis import ViewSynthesizer
 
@@ -32,35 +29,6 @@ _BLOCK_ROWS, _BLOCK_COLUMNS = 5, 3
 _PARTNERS = 2
 # Both directions must agree.
 _SAME_M, _SAME_RAD = 0.08, np.radians(2.0)
-
-
-class Likeness:
-    """How much panoramas look alike at every turn.
-
-    Parameters
-    ----------
-    references : ReferencePanoramas
-    settings : VotesSettings
-    """
-
-    def __init__(self, references: ReferencePanoramas, settings: VotesSettings) -> None:
-        rows, columns = references.geometry.shape
-        self.columns = max(8, columns // _BLOCK_COLUMNS)
-        size = (self.columns, max(4, rows // _BLOCK_ROWS))
-        self._spectra = np.empty((len(references), size[1], self.columns), dtype=np.complex64)
-        for index in range(len(references)):
-            z = orientations(references.panorama(index), settings)[0]
-            planes = cv2.resize(np.stack([z.real, z.imag], axis=-1), size, interpolation=cv2.INTER_AREA)
-            features = planes[..., 0] + 1j * planes[..., 1]
-            self._spectra[index] = fft.fft(features / max(float(np.linalg.norm(features)), 1e-9), axis=1)
-
-    def turns(self, index: int, others: Int64) -> Float64:
-        """Cosine of one panorama and others at every turn: float64 (others, columns).
-
-        At turn k the panorama ``index`` was taken at a heading of k columns in the frame of the other.
-        """
-        products = np.einsum("rc,orc->oc", self._spectra[index], self._spectra[others].conj())
-        return np.asarray(fft.ifft(products, axis=1).real, dtype=np.float64)
 
 
 def proposed(

@@ -1,15 +1,18 @@
 """Maps from drives, on the small room's drive, whose true poses are known, and on drives that cannot become one."""
 
 from dataclasses import replace
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from panoloc_mcl.robot.errors import MapError
 from panoloc_mcl.robot.geometry import angle_difference
-from panoloc_mcl.robot.map.drives import Drive, check_drives, chosen_keyframes
+from panoloc_mcl.robot.map.drives import Drive, check_drives
+from panoloc_mcl.robot.map.drives.mapping import map_drives
+from panoloc_mcl.robot.map.drives.stages import Stage, Stages
 from panoloc_mcl.robot.map.keyframes import ODOMETRY
-from panoloc_mcl.robot.map.mapping import map_drives
 from panoloc_mcl.robot.settings.map import MapSettings
 from panoloc_mcl.robot.settings.observation import VotesSettings
 from panoloc_mcl.tools.datasets import Dataset
@@ -60,14 +63,6 @@ def test_a_drive_becomes_a_map_that_is_truer_than_its_odometry(small_room: Datas
     assert abs(float(angle_difference(mapped.keyframes.poses[0, 2], drive.odometry[0, 2]))) < 1e-3
 
 
-def test_turning_on_the_spot_makes_no_keyframes():
-    odometry = np.zeros((20, 3))
-    odometry[:10, 2] = np.linspace(0.0, 3.0, 10)
-    odometry[10:, 0] = 0.1 * np.arange(1, 11)
-    drive = Drive("a", tuple(range(20)), np.arange(20.0), odometry, None, (1, 1))  # type: ignore[arg-type]
-    np.testing.assert_array_equal(chosen_keyframes(drive, 0.25), [0, 12, 15, 18])
-
-
 def test_odometry_that_jumps_says_little_and_is_named(small_room: Dataset):
     drive = a_drive(small_room)
     jumped = drive.odometry.copy()
@@ -93,3 +88,69 @@ def test_what_no_map_can_be_made_of_is_said_in_one_line_each(small_room: Dataset
             check_drives(drives)
     with pytest.raises(MapError, match="another camera"):
         check_drives([drive, replace(drive, name="b", image_size=(8, 8))])
+
+
+def test_a_drive_in_the_dark_is_no_map(small_room: Dataset, tmp_path: Path):
+    drive = a_drive(small_room)
+    dark = tmp_path / "dark.png"
+    cv2.imwrite(str(dark), np.zeros(cv2.imread(str(drive.files[0]), cv2.IMREAD_GRAYSCALE).shape, np.uint8))
+    with pytest.raises(MapError, match="no image shows anything; a map needs light"):
+        map_drives([replace(drive, files=(dark,) * len(drive.files))], VotesSettings(), MapSettings(file=None))
+
+
+@pytest.mark.slow
+def test_drives_that_never_meet_are_left_out_and_named(small_room: Dataset, tmp_path: Path):
+    drive = a_drive(small_room)
+    # Another place: the same images upside down and mirrored.
+    others = []
+    for number, file in enumerate(drive.files):
+        others.append(tmp_path / f"{number:03d}.png")
+        cv2.imwrite(str(others[-1]), np.ascontiguousarray(cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)[::-1, ::-1]))
+    elsewhere = replace(drive, name="elsewhere", files=tuple(others))
+    mapped = map_drives([drive, elsewhere], VotesSettings(), MapSettings(file=None))
+    assert set(mapped.keyframes.drives) == {drive.name}
+    assert "drives that never meet the others are left out: elsewhere" in "\n".join(mapped.notes)
+
+
+@pytest.mark.slow
+def test_a_build_that_was_stopped_goes_on_and_gives_the_same(small_room: Dataset, tmp_path: Path):
+    drive = with_errors(a_drive(small_room), np.random.default_rng(0))
+    made = ([drive], VotesSettings(), MapSettings(file=None))
+    whole = map_drives(*made).keyframes
+
+    for stage in (1, 2, 3):
+        path = tmp_path / f"{stage}.unfinished"
+        keep, kept = Stages.keep, []
+
+        def stop(self: Stages, done: Stage, last: int = stage, keep=keep, kept=kept) -> None:
+            keep(self, done)
+            kept.append(done.number)
+            if done.number == last:
+                raise KeyboardInterrupt
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(Stages, "keep", stop)
+            with pytest.raises(KeyboardInterrupt):
+                map_drives(*made, unfinished=path)
+        assert kept[-1] == stage
+        resumed = map_drives(*made, unfinished=path).keyframes
+        np.testing.assert_array_equal(resumed.poses, whole.poses)
+        np.testing.assert_array_equal(resumed.covariances, whole.covariances)
+        np.testing.assert_array_equal(resumed.edges.measured, whole.edges.measured)
+    # Of another drive nothing is taken.
+    other = replace(drive, odometry=drive.odometry + np.array([0.0, 0.0, 0.1]))
+    assert Stages(path, [other], *made[1:]).last() is None
+
+
+@pytest.mark.slow
+def test_an_image_that_fits_no_other_is_named_and_placed_by_odometry(small_room: Dataset, tmp_path: Path):
+    drive = a_drive(small_room)
+    strange = tmp_path / "strange.png"
+    size = cv2.imread(str(drive.files[0]), cv2.IMREAD_GRAYSCALE).shape
+    cv2.imwrite(str(strange), np.random.default_rng(0).integers(0, 255, size).astype(np.uint8))
+    files = tuple(strange if index == 6 else file for index, file in enumerate(drive.files))
+    mapped = map_drives([replace(drive, files=files)], VotesSettings(), MapSettings(file=None))
+    place = mapped.keyframes.names.index(f"{drive.name}/strange.png")
+    assert f"1 keyframes fit no other, first {drive.name}/strange.png" in "\n".join(mapped.notes)
+    sds = mapped.keyframes.sds[:, 0]
+    assert sds[place] > 2.0 * np.median(sds)

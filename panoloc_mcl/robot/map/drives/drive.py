@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,10 @@ _ALWAYS_M, _ALWAYS_RAD = 0.02, np.radians(0.5)
 _FASTEST_M_S, _FASTEST_RAD_S = 3.0, 2.0 * np.pi
 _LEAST_JUMP_M, _LEAST_JUMP_RAD = 0.5, np.radians(60.0)
 _UNKNOWN_M, _UNKNOWN_RAD = 1.0, np.radians(45.0)
-_FEWEST = 4
+# Odometry that moves by less stands still.
+_NO_WAY_M, _NO_TURN_RAD = 1e-3, np.radians(0.05)
+# Odometry of a drive that stays within this did not move.
+_LEAST_WAY_M = 0.4
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +46,8 @@ class Drive:
     camera : Camera
     image_size : (int, int)
         Width and height.
+    doubted : frozenset of int
+        Images to which the way from the image before is not known, whatever odometry says.
     """
 
     name: str
@@ -51,17 +56,30 @@ class Drive:
     odometry: Float64
     camera: Camera
     image_size: tuple[int, int]
+    doubted: frozenset[int] = frozenset()
 
     def of(self, kept: Int64) -> Drive:
         """With some of its images only."""
-        return Drive(
-            self.name,
-            tuple(self.files[index] for index in kept),
-            self.times[kept],
-            self.odometry[kept],
-            self.camera,
-            self.image_size,
+        # What cannot be trusted lies between those kept around it.
+        doubted = np.searchsorted(kept, sorted(self.doubted))
+        return replace(
+            self,
+            files=tuple(self.files[index] for index in kept),
+            times=self.times[kept],
+            odometry=self.odometry[kept],
+            doubted=frozenset(int(index) for index in doubted if index < len(kept)),
         )
+
+    def stands(self) -> Int64:
+        """Images before which odometry did not move at all, since the image before."""
+        step = between(self.odometry[:-1], self.odometry[1:])
+        return 1 + np.flatnonzero((np.hypot(step[:, 0], step[:, 1]) < _NO_WAY_M) & (np.abs(step[:, 2]) < _NO_TURN_RAD))
+
+    def unknown(self) -> NDArray[np.bool_]:
+        """Steps that odometry says nothing about: jumps, and those doubted, bool (n - 1,)."""
+        unknown = self.jumps()
+        unknown[[index - 1 for index in self.doubted if index > 0]] = True
+        return unknown
 
     def jumps(self) -> NDArray[np.bool_]:
         """Steps between images that no robot can make, bool (n - 1,)."""
@@ -74,20 +92,11 @@ class Drive:
         """What odometry says between images one after the other; the first of them is keyframe ``first``."""
         step = between(self.odometry[:-1], self.odometry[1:])
         way, turn = np.hypot(step[:, 0], step[:, 1]), np.abs(step[:, 2])
-        position = np.where(self.jumps(), _UNKNOWN_M, _ALWAYS_M + _WAY * way)
-        heading = np.where(self.jumps(), _UNKNOWN_RAD, _ALWAYS_RAD + _TURN * turn + _DRIFT * way)
+        position = np.where(self.unknown(), _UNKNOWN_M, _ALWAYS_M + _WAY * way)
+        heading = np.where(self.unknown(), _UNKNOWN_RAD, _ALWAYS_RAD + _TURN * turn + _DRIFT * way)
         covariances = np.einsum("mi,ij->mij", np.column_stack([position, position, heading]) ** 2, np.eye(3))
         pairs = first + np.column_stack([np.arange(len(step)), np.arange(1, len(step) + 1)])
         return Edges.of(pairs, step, covariances, ODOMETRY)
-
-
-def chosen_keyframes(drive: Drive, distance_m: float) -> Int64:
-    """Images of a drive some way apart: turning on the spot shows a panoramic camera nothing new."""
-    kept: list[int] = []
-    for index, pose in enumerate(drive.odometry):
-        if not kept or np.hypot(*(pose - drive.odometry[kept[-1]])[:2]) >= distance_m:
-            kept.append(index)
-    return np.array(kept, dtype=np.int64)
 
 
 def check_drives(drives: Sequence[Drive]) -> tuple[str, ...]:
@@ -105,7 +114,7 @@ def check_drives(drives: Sequence[Drive]) -> tuple[str, ...]:
     for drive in drives:
         if drive.camera != first.camera or drive.image_size != first.image_size:
             faults.append(f"drive {drive.name}: has another camera than {first.name}; make a map of each")
-        if len(chosen_keyframes(drive, 0.1)) < _FEWEST:
+        if np.hypot(*np.ptp(drive.odometry[:, :2], axis=0)) < _LEAST_WAY_M:
             faults.append(f"drive {drive.name}: by its odometry the robot hardly moved; a map needs a drive through the place")
     if first.camera.height_m is None:
         faults.append(f"drive {first.name}: the camera's height gives the map its scale; give camera.height_m in dataset.yaml")

@@ -1,0 +1,161 @@
+"""One row of the study with one seed: the maps that it asks for, and their figures, kept under the hash of all they depend on."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from panoloc_mcl.laboratory.comparison.cell import data_digest
+from panoloc_mcl.laboratory.simulation.drive import reported
+from panoloc_mcl.laboratory.simulation.settings import Odometry
+from panoloc_mcl.laboratory.studies.mapping.judging import Values, judged_keyframes, localized
+from panoloc_mcl.laboratory.studies.mapping.surveys import SURVEYS, disturbed
+from panoloc_mcl.robot.errors import ConfigError
+from panoloc_mcl.robot.files import cache_folder, write_atomically
+from panoloc_mcl.robot.map.panorama_map import PanoramaMap
+from panoloc_mcl.robot.map.updating import update_map
+from panoloc_mcl.robot.observation import build_settings
+from panoloc_mcl.robot.progress import Progress
+from panoloc_mcl.tools.config import RunConfig
+from panoloc_mcl.tools.datasets import Dataset
+from panoloc_mcl.tools.datasets import Sequence as Drive
+from panoloc_mcl.tools.runs.map_drives import drives_of
+from panoloc_mcl.tools.runs.source import OF_MAPS, source_digest
+
+# What figures depend on beside the maps.
+_OF_CELLS = (*OF_MAPS, "robot/filters/", "robot/localizer.py", "robot/motion/", "laboratory/studies/mapping/")
+_REFERENCES = "references"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One way to make a map.
+
+    Parameters
+    ----------
+    text : str
+        As it was asked for: a kind of survey, or what `parsed` reads.
+    """
+
+    text: str
+
+    @classmethod
+    def parsed(cls, text: str) -> Row:
+        """A survey's name, ``drives:NAME+…``, or ``update:BASE+LATER``.
+
+        Raises
+        ------
+        ConfigError
+            Something else.
+        """
+        kind, _, names = text.partition(":")
+        if text in SURVEYS or (names and (kind == "drives" or (kind == "update" and names.count("+") == 1))):
+            return cls(text)
+        raise ConfigError(
+            f"--rows {text}: no such row; known: {', '.join(SURVEYS)}, drives:NAME+NAME…, update:BASE+LATER (drives, or references)"
+        )
+
+    @property
+    def updates(self) -> bool:
+        """Whether a map is brought up to date."""
+        return self.text.startswith("update:")
+
+    @property
+    def drives(self) -> list[str]:
+        """Names of the drives that it is made of."""
+        return self.text.partition(":")[2].split("+") if ":" in self.text else []
+
+    @property
+    def told(self) -> str:
+        """For the table."""
+        return SURVEYS[self.text][0] if self.text in SURVEYS else self.text
+
+
+def cell(config: RunConfig, dataset: Dataset, row: Row, seed: int, every: int, progress: Progress) -> Values:
+    """The figures of one row and seed, from the cache if they are there.
+
+    Parameters
+    ----------
+    config, every
+        As `study`.
+    dataset : Dataset
+    row : Row
+    seed : int
+    progress : callable (done, total, what)
+    """
+    path = _kept(config, dataset, row, seed, every, "json")
+    if path.is_file():
+        kept: Values = json.loads(path.read_text(encoding="utf-8"))
+        return kept
+    begin = time.process_time()
+    maps, wrong = _maps(config, dataset, row, seed, progress)
+    values: Values = {"seconds": time.process_time() - begin, "maps": {}}
+    drives = [d for d in dataset.select(config.sequences) if d.groundtruth is not None and d.name not in row.drives]
+    for name, (panorama_map, notes) in maps.items():
+        figures, frame = judged_keyframes(panorama_map, dataset, wrong)
+        of_drives = {drive.name: localized(config, panorama_map, drive, every, frame) for drive in drives}
+        values["maps"][name] = figures | {"localized": of_drives, "notes": list(notes)}
+        progress(len(values["maps"]), len(maps), f"localized in the maps of {row.text}")
+    write_atomically(path, json.dumps(values))
+    return values
+
+
+def _maps(
+    config: RunConfig, dataset: Dataset, row: Row, seed: int, progress: Progress
+) -> tuple[dict[str, tuple[PanoramaMap, tuple[str, ...]]], list[int]]:
+    """Maps of a row by name with what was said of them, and references that were grossly wrong."""
+    made = config.observation, config.seed, progress, config.map
+    if row.text in SURVEYS:
+        poses, wrong = disturbed(row.text, dataset.references.poses, seed)
+        built = PanoramaMap.build(replace(dataset, references=replace(dataset.references, poses=poses)), *made)
+        return {"": (built, built.notes)}, wrong
+    erring = replace(dataset, sequences={name: _driven_again(drive, seed) for name, drive in dataset.sequences.items()})
+
+    def of(names: Sequence[str]) -> PanoramaMap:
+        path = _kept(config, dataset, Row(f"drives:{'+'.join(names)}"), seed, 0, "panomap")
+        if path.is_file():
+            return PanoramaMap.load(path)
+        if names == [_REFERENCES]:
+            built = PanoramaMap.build(dataset, *made)
+        else:
+            built = PanoramaMap.of_drives(dataset.name, drives_of(erring, names)[0], *made)
+        built.save(path)
+        return built
+
+    if not row.updates:
+        built = of(row.drives)
+        return {"": (built, built.notes)}, []
+    base, later = row.drives
+    before = of([base])
+    done = update_map(before, drives_of(erring, [later])[0], config.map, progress)
+    maps = {f"of {base}": (before, ()), "updated": (done.panorama_map, done.notes), f"of {later} alone": (of([later]), ())}
+    return maps, []
+
+
+def _driven_again(drive: Drive, seed: int) -> Drive:
+    """The drive with odometry that errs anew; as recorded with seed 0."""
+    if seed == 0 or drive.groundtruth is None or drive.odometry is None:
+        return drive
+    rng = np.random.default_rng([seed, *drive.name.encode()])
+    return replace(drive, odometry=reported(drive.groundtruth, drive.odometry.times, Odometry(), rng))
+
+
+def _kept(config: RunConfig, dataset: Dataset, row: Row, seed: int, every: int, kind: str) -> Path:
+    """Where a cell's figures are kept, or with ``every`` 0 a map."""
+    said = {
+        "code": source_digest(_OF_CELLS if every else OF_MAPS),
+        "row": row.text,
+        "seeds": [seed, config.seed],
+        "map": config.map.model_dump(mode="json", exclude={"file"}),
+        "localized": [every, config.sequences, config.localizer.model_dump(mode="json")] if every else None,
+        "data": data_digest(dataset, config, whole=True),
+        **build_settings(config.observation),
+    }
+    key = hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()[:24]
+    return cache_folder() / "maps" / f"study-{key}.{kind}"

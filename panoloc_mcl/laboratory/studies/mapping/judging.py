@@ -1,0 +1,167 @@
+"""A map held against the truth: errors of its keyframes, and of images localized in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from panoloc_mcl.robot.errors import DatasetError
+from panoloc_mcl.robot.filters import Status
+from panoloc_mcl.robot.geometry import FloatArray, angle_difference, between, compose, wrap_angle
+from panoloc_mcl.robot.localizer import Localizer
+from panoloc_mcl.robot.map.keyframes import LOOP
+from panoloc_mcl.robot.map.panorama_map import PanoramaMap
+from panoloc_mcl.tools.config import RunConfig
+from panoloc_mcl.tools.datasets import Dataset
+from panoloc_mcl.tools.datasets import Sequence as Drive
+from panoloc_mcl.tools.streams import answers, recorded
+
+# A loop farther than this from the truth is false; with this weight it is believed.
+_FALSE_M, _FALSE_RAD, _BELIEVED = 0.3, np.radians(10.0), 0.5
+# A grossly wrong reference that the map holds farther than this from the truth was kept wrong.
+_KEPT_WRONG_M, _KEPT_WRONG_DEG = 0.1, 3.0
+_OUTLYING, _LEAST_OUTLYING_M, _ALIGNMENT_ROUNDS = 5.0, 0.3, 5
+
+Values = dict[str, Any]
+
+
+def judged_keyframes(panorama_map: PanoramaMap, dataset: Dataset, wrong: Sequence[int] = ()) -> tuple[Values, FloatArray]:
+    """Errors of keyframes before and after mending.
+
+    Parameters
+    ----------
+    panorama_map : PanoramaMap
+    dataset : Dataset
+        With the true poses.
+    wrong : sequence of int
+        References that were given grossly wrong poses.
+
+    Returns
+    -------
+    values : dict
+        Plain values.
+    frame : float64 (3,)
+        The motion that brings the map's frame onto the true one.
+
+    Raises
+    ------
+    DatasetError
+        A drive without ground truth.
+    """
+    keyframes = panorama_map.keyframes
+    truth = _truth(panorama_map, dataset)
+    frame = aligning(keyframes.poses, truth)
+    own = np.array([drive == keyframes.drives[0] for drive in keyframes.drives])
+    given = keyframes.given[own]
+    edges = keyframes.edges
+    off = edges.measured - between(truth[edges.first], truth[edges.second])
+    loops = edges.kinds == LOOP
+    believed = loops & (edges.weights >= _BELIEVED)
+    false = (np.hypot(off[:, 0], off[:, 1]) > _FALSE_M) | (np.abs(wrap_angle(off[:, 2])) > _FALSE_RAD)
+    metres, degrees = _errors(keyframes.poses, truth, frame)
+    is_wrong = dict(zip(keyframes.names, (metres > _KEPT_WRONG_M) | (degrees > _KEPT_WRONG_DEG), strict=True))
+    names = {dataset.references.files[index].name for index in wrong}
+    named = {*keyframes.placed_anew, *keyframes.left_out}
+    return {
+        "keyframes": len(keyframes),
+        "way_m": float(np.hypot(*np.diff(truth[own][:, :2], axis=0).T).sum()),
+        "given": _spread(*_errors(given, truth[own], aligning(given, truth[own]))),
+        "mended": _spread(metres, degrees),
+        "unaligned": _spread(*_errors(keyframes.poses, truth, np.zeros(3))),
+        "claimed": [float(value) for value in np.median(keyframes.sds, axis=0)],
+        "wrong": len(names),
+        "named": len(named & names),
+        "blamed": len(named - names),
+        "kept_wrong": sum(bool(is_wrong.get(name, False)) for name in names),
+        "loops": int(loops.sum()),
+        "loops_believed": int(believed.sum()),
+        "loops_false": int((believed & false).sum()),
+    }, frame
+
+
+def localized(config: RunConfig, panorama_map: PanoramaMap, drive: Drive, every: int, frame: FloatArray) -> Values:
+    """Errors over a drive, of single images and of the filter; infinite where an image says nothing, or the filter is not sure.
+
+    Parameters
+    ----------
+    config : RunConfig
+    panorama_map : PanoramaMap
+    drive : Sequence
+        With ground truth.
+    every : int
+        Use every so many images.
+    frame : float64 (3,)
+        The motion that brings the map's frame onto the true one.
+    """
+    some = drive.of(np.arange(min(every // 2, len(drive) - 1), len(drive), every))
+    seed = (config.seed, *drive.name.encode())
+    localizer = Localizer(panorama_map, config, camera=drive.camera, image_size=drive.image_size, seed=seed)
+    assert drive.groundtruth is not None
+    alone, filtered, truth = [], [], []
+    for _, estimate in answers(localizer, recorded(some)):
+        votes = estimate.vote_field
+        said = None if votes is None or not votes.informative else votes.measurement
+        alone.append(np.full(3, np.inf) if said is None else said.pose)
+        filtered.append(estimate.pose if estimate.status is Status.CONVERGED else np.full(3, np.inf))
+        truth.append(drive.groundtruth.at(estimate.timestamp))
+    found = {}
+    for name, poses in (("image", np.array(alone)), ("filter", np.array(filtered))):
+        told = np.isfinite(poses).all(axis=1)
+        metres, degrees, floating = (np.full(len(poses), np.inf) for _ in range(3))
+        metres[told], degrees[told] = _errors(poses[told], np.array(truth)[told], frame)
+        floating[told] = _errors(poses[told], np.array(truth)[told], np.zeros(3))[0]
+        found[name] = {"m": metres.tolist(), "deg": degrees.tolist(), "unaligned_m": floating.tolist()}
+    return found
+
+
+def _truth(panorama_map: PanoramaMap, dataset: Dataset) -> FloatArray:
+    """True standpoints of the keyframes (n, 3)."""
+    files = [file.name for file in dataset.references.files]
+    surveyed = dataset.references.standpoints
+    found = []
+    for name, drive, when in zip(
+        panorama_map.keyframes.names, panorama_map.keyframes.drives, panorama_map.keyframes.times, strict=True
+    ):
+        if not drive:
+            found.append(surveyed[files.index(name)])
+            continue
+        recorded_drive = dataset.sequences[drive]
+        if recorded_drive.groundtruth is None:
+            raise DatasetError(f"{recorded_drive.path}: has no ground truth; maps are judged by it")
+        found.append(recorded_drive.camera.mounting.camera_poses(recorded_drive.groundtruth.at(when)[None])[0])
+    return np.array(found)
+
+
+def aligning(said: FloatArray, true: FloatArray) -> FloatArray:
+    """The rigid motion (3,) that brings most positions nearest to the true ones.
+
+    Parameters
+    ----------
+    said, true : float64 (n, 3)
+        Poses; those that are far off have no say from the second round on.
+    """
+    near = np.ones(len(said), dtype=np.bool_)
+    motion = np.zeros(3)
+    for _ in range(_ALIGNMENT_ROUNDS):
+        a, b = said[near, :2], true[near, :2]
+        a, b = a - a.mean(axis=0), b - b.mean(axis=0)
+        turn = float(np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a * b)))
+        cos, sin = np.cos(turn), np.sin(turn)
+        x, y = said[near, :2].mean(axis=0)
+        motion = np.array([*(true[near, :2].mean(axis=0) - (cos * x - sin * y, sin * x + cos * y)), turn])
+        away = np.hypot(*(compose(motion, said) - true)[:, :2].T)
+        near = away <= max(_LEAST_OUTLYING_M, _OUTLYING * float(np.median(away)))
+    return motion
+
+
+def _errors(said: FloatArray, true: FloatArray, frame: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Metres and degrees, with the frame of the poses brought onto the true one."""
+    moved = compose(frame, said)
+    return np.hypot(*(moved - true)[:, :2].T), np.degrees(np.abs(angle_difference(moved[:, 2], true[:, 2])))
+
+
+def _spread(metres: FloatArray, degrees: FloatArray) -> list[float]:
+    """Median and largest, metres and degrees."""
+    return [float(value) for value in (np.median(metres), metres.max(), np.median(degrees), degrees.max())]
