@@ -109,10 +109,21 @@ def with_rows(references: ReferencePanoramas, rows: slice) -> ReferencePanoramas
     )
 
 
-def _profile(index: int, neighbours: list[int], synthesizer: ViewSynthesizer, settings: VotesSettings) -> Float64:
-    columns = synthesizer.references.geometry.width
+def fit_of_depths(index: int, neighbours: list[int], synthesizer: ViewSynthesizer, settings: VotesSettings) -> float:
+    """How well neighbours agree with a reference (cosine) with the wall of every column where they agree best."""
+    tried = _tried(synthesizer, settings)
+    return float(_scores(index, neighbours, np.exp(tried), synthesizer, settings).max(axis=0).mean())
+
+
+def _tried(synthesizer: ViewSynthesizer, settings: VotesSettings) -> Float64:
+    """Logarithms of the wall distances that are tried in every column, (k, columns)."""
     logs = np.log(np.geomspace(_NEAREST_WALL_M, _FARTHEST_WALL_M, settings.virtual_places.wall_distances))
-    tried = np.repeat(logs[:, None], columns, axis=1)
+    return np.repeat(logs[:, None], synthesizer.references.geometry.width, axis=1)
+
+
+def _profile(index: int, neighbours: list[int], synthesizer: ViewSynthesizer, settings: VotesSettings) -> Float64:
+    tried = _tried(synthesizer, settings)
+    logs = tried[:, 0]
     coarse = _peaks(_scores(index, neighbours, np.exp(tried), synthesizer, settings), tried)
     # Again around the best of every column: a peak between two of a few distances is off by some percent, and always to one side.
     around = coarse + (logs[1] - logs[0]) * np.array(_CLOSER)[:, None]

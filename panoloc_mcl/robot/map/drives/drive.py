@@ -70,6 +70,10 @@ class Drive:
             doubted=frozenset(int(index) for index in doubted if index < len(kept)),
         )
 
+    def at(self, poses: Float64) -> Drive:
+        """With other poses (n, 3) than those of odometry."""
+        return replace(self, odometry=poses)
+
     def stands(self) -> Int64:
         """Images before which odometry did not move at all, since the image before."""
         step = between(self.odometry[:-1], self.odometry[1:])

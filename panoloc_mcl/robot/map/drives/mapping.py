@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from panoloc_mcl.robot.errors import MapError
 from panoloc_mcl.robot.geometry import between, wrap_angle
 from panoloc_mcl.robot.map.drives.choice import keyframes_of, that_show_something
+from panoloc_mcl.robot.map.drives.drift import straightened
 from panoloc_mcl.robot.map.drives.drive import Drive, check_drives
 from panoloc_mcl.robot.map.drives.likeness import Likeness
 from panoloc_mcl.robot.map.drives.loops import proposed, verified
@@ -38,6 +39,8 @@ Bool = NDArray[np.bool_]
 
 # Along the way, every keyframe is measured against so many before and after it.
 _ALONG = 2
+# Depths judged by odometry's headings keep some of its drift; the second time there is little left of it.
+_ROUNDS_ALONG = 2
 # Farther apart than this, two keyframes of a drive show other things.
 _FARTHEST_M = 1.5
 # Keyframes this many apart along the way are not one after the other.
@@ -103,11 +106,11 @@ class _Mapping:
         self.owner = np.repeat(np.arange(len(kept)), np.diff(self.starts))
         mounting = kept[0].camera.mounting
         self.given = np.concatenate([mounting.camera_poses(drive.odometry) for drive in kept])
-        self.poses = self.given.copy()
+        straight = [straightened(drive, self.votes, self.notes) for drive in kept]
+        self.poses = np.concatenate([mounting.camera_poses(drive.odometry) for drive in straight])
         self.odometry = Edges.none()
-        for start, drive in zip(self.starts, kept, strict=False):
-            standing = replace(drive, odometry=mounting.camera_poses(drive.odometry))
-            self.odometry = self.odometry.joined(standing.edges(int(start)))
+        for start, drive in zip(self.starts, straight, strict=False):
+            self.odometry = self.odometry.joined(drive.at(mounting.camera_poses(drive.odometry)).edges(int(start)))
         #: Drives that are in the map's frame already; the others wait until they meet.
         self.anchored = [0]
         #: Of those given, the ones that the map is made of.
@@ -162,17 +165,14 @@ class _Mapping:
         self.edges = edges.chosen(edges.kinds != ODOMETRY)
 
     def _along_the_way(self) -> tuple[ViewSynthesizer, float]:
-        """Depths and relative poses from keyframes before and after."""
-        self.panoramas = self._panoramas()
+        """Depths and relative poses from keyframes before and after, again from the poses that these give."""
         pairs = self._pairs_along()
         neighbours = [pairs[pairs[:, 1] == index, 0].tolist() for index in range(len(self.poses))]
-        synthesizer = self._synthesizer(neighbours)
-        panorama = self._panorama_poses()
-        starts = between(panorama[pairs[:, 0]], panorama[pairs[:, 1]])
-        measured = measure_pairs(synthesizer, pairs, starts, self.votes, False, self.progress, self.threads)
-        sufficient = _LEAST_SHARE * float(np.median(measured.agreement))
-        self.edges = robot_edges(measured, self._turned, sufficient)
-        self._solve()
+        for number in range(_ROUNDS_ALONG):
+            self.panoramas = self._panoramas()
+            synthesizer = self._synthesizer(neighbours)
+            self.edges, sufficient = self._measured(synthesizer, pairs, near=number > 0)
+            self._solve()
         return synthesizer, sufficient
 
     def _pairs_along(self) -> Int64:
@@ -261,10 +261,7 @@ class _Mapping:
         pairs = neighbour_pairs(self.panoramas.positions, self.settings.neighbours, _FARTHEST_M)
         pairs = np.unique(np.concatenate([pairs, self._pairs_along()]), axis=0)
         synthesizer = self._synthesizer(self._believed_neighbours())
-        panorama = self._panorama_poses()
-        starts = between(panorama[pairs[:, 0]], panorama[pairs[:, 1]])
-        measured = measure_pairs(synthesizer, pairs, starts, self.votes, True, self.progress, self.threads)
-        edges = robot_edges(measured, self._turned, _LEAST_SHARE * float(np.median(measured.agreement)))
+        edges, _ = self._measured(synthesizer, pairs, near=True)
         along = np.abs(edges.first - edges.second) < _LOOP_AFTER
         loops = np.where(along & (self.owner[edges.first] == self.owner[edges.second]), edges.kinds, LOOP)
         self.edges = replace(edges, kinds=loops)
@@ -299,8 +296,13 @@ class _Mapping:
         self._turned = self.poses[:, 2].copy()
         return read_references(self._whole().moved_to(self.poses), self.progress)
 
-    def _panorama_poses(self) -> Float64:
-        return np.column_stack([self.poses[:, :2], wrap_angle(self.poses[:, 2] - self._turned)])
+    def _measured(self, synthesizer: ViewSynthesizer, pairs: Int64, near: bool) -> tuple[Edges, float]:
+        """Edges of pairs that agree, and the agreement that is sufficient."""
+        panorama = np.column_stack([self.poses[:, :2], wrap_angle(self.poses[:, 2] - self._turned)])
+        starts = between(panorama[pairs[:, 0]], panorama[pairs[:, 1]])
+        measured = measure_pairs(synthesizer, pairs, starts, self.votes, near, self.progress, self.threads)
+        sufficient = _LEAST_SHARE * float(np.median(measured.agreement))
+        return robot_edges(measured, self._turned, sufficient), sufficient
 
     def _synthesizer(self, neighbours: list[list[int]] | None) -> ViewSynthesizer:
         references = replace(self.panoramas, positions=np.ascontiguousarray(self.poses[:, :2]))
