@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.robot.errors import MapError
 from panoloc_mcl.robot.geometry import between, wrap_angle
-from panoloc_mcl.robot.map.drives.choice import keyframes_of, that_show_something
+from panoloc_mcl.robot.map.drives.choice import keyframes_of, references_of, that_show_something
 from panoloc_mcl.robot.map.drives.drift import straightened
 from panoloc_mcl.robot.map.drives.drive import Drive, check_drives
 from panoloc_mcl.robot.map.drives.likeness import Likeness
@@ -306,15 +306,14 @@ class _Mapping:
 
     def _synthesizer(self, neighbours: list[list[int]] | None) -> ViewSynthesizer:
         references = replace(self.panoramas, positions=np.ascontiguousarray(self.poses[:, :2]))
-        height = references.camera_height_m
-        assert height is not None
-        profiles = sweep_profiles(references, height, self.votes, self.progress, self.threads, neighbours)
-        return ViewSynthesizer(references, profiles, height)
+        assert references.camera_height_m is not None
+        made = self.votes, self.progress, self.threads, neighbours
+        profiles = sweep_profiles(references, references.camera_height_m, *made)
+        return ViewSynthesizer(references, profiles, references.camera_height_m)
 
     def _whole(self) -> References:
         files = tuple(file for drive in self.drives for file in drive.files)
-        first = self.drives[0]
-        return References(Path(first.name), files, self.poses, first.camera, first.image_size)
+        return replace(references_of(self.drives[0]), files=files, poses=self.poses)
 
     def _result(self) -> Mended:
         names = tuple(f"{drive.name}/{file.name}" for drive in self.drives for file in drive.files)
@@ -344,9 +343,6 @@ def _summary(keyframes: Keyframes) -> Iterator[str]:
     borne_out = edges.chosen((edges.kinds != ODOMETRY) & (edges.weights >= BELIEVED))
     alone = np.setdiff1d(np.arange(len(keyframes)), np.concatenate([borne_out.first, borne_out.second]))
     if len(alone):
-        yield (
-            f"{len(alone)} keyframes fit no other, first {keyframes.names[alone[0]]}; odometry alone says where they were taken, and "
-            "they count less"
-        )
+        yield f"{len(alone)} keyframes fit no other, first {keyframes.names[alone[0]]}: only odometry says where; they count less"
     if believed == 0:
         yield "the drive closes no loop: the map is as straight as its steps are; drive over a place again to close one"
