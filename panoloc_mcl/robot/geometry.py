@@ -108,6 +108,34 @@ def interpolate(a: ArrayLike, b: ArrayLike, fraction: ArrayLike) -> FloatArray:
     )
 
 
+def fitted_motion(a: ArrayLike, b: ArrayLike, least_outlying_m: float = 0.3) -> FloatArray:
+    """The rigid motion that brings most positions of poses ``a`` nearest to those of ``b``: ``compose(motion, a)`` is about ``b``.
+
+    Parameters
+    ----------
+    a, b : array_like of float, shape (n, 3)
+        Poses; from the second of five rounds on, those that are farther off than five times the median have no say.
+    least_outlying_m : float
+        Nearer ones always have.
+
+    Returns
+    -------
+    ndarray of float64, shape (3,)
+    """
+    a, b = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
+    near = np.ones(len(a), dtype=np.bool_)
+    motion = np.zeros(3)
+    for _ in range(5):
+        x, y = a[near, :2], b[near, :2]
+        p, q = x - x.mean(axis=0), y - y.mean(axis=0)
+        turn = float(np.arctan2(np.sum(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]), np.sum(p * q)))
+        moved = compose([0.0, 0.0, turn], [*x.mean(axis=0), 0.0])
+        motion = np.array([*(y.mean(axis=0) - moved[:2]), turn])
+        away = np.hypot(*(compose(motion, a) - b)[:, :2].T)
+        near = away <= max(least_outlying_m, 5.0 * float(np.median(away)))
+    return motion
+
+
 def yaw_from_quaternion(qx: ArrayLike, qy: ArrayLike, qz: ArrayLike, qw: ArrayLike) -> FloatArray:
     """Rotation about the vertical axis of unit quaternions, radians in ``[-pi, pi)``."""
     x, y, z, w = (np.asarray(q, dtype=np.float64) for q in (qx, qy, qz, qw))

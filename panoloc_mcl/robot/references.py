@@ -96,6 +96,10 @@ class References:
         return len(self.files)
 
 
+# Panoramas that would be turned by less, in columns, stay as they are.
+_SAME_COLUMNS = 1e-3
+
+
 class Recorded(Protocol):
     """What a map is built from: a data set with references."""
 
@@ -155,6 +159,26 @@ class ReferencePanoramas:
             names=tuple(self.names[index] for index in indices),
             sds=None if self.sds is None else self.sds[indices],
         )
+
+
+def turned(references: ReferencePanoramas, angles: NDArray[np.float64]) -> ReferencePanoramas:
+    """References whose headings are by so much larger (n,), radians, than they were thought to be when they were turned to heading 0.
+
+    Columns are shifted by their spectrum, which blurs nothing, however often it is done.
+    """
+    # Azimuth falls with the column.
+    columns = references.geometry.width
+    shifts = np.asarray(angles) * columns / (2.0 * np.pi)
+    frequencies = np.fft.rfftfreq(columns)
+    pixels = references.pixels.copy()
+    for index in np.flatnonzero(np.abs(shifts) > _SAME_COLUMNS):
+        shift = shifts[index]
+        spectrum = np.fft.rfft(references.pixels[index], axis=1) * np.exp(2j * np.pi * frequencies * shift)
+        pixels[index] = np.clip(np.rint(np.fft.irfft(spectrum, columns, axis=1)), 0, 255)
+    valid = references.valid
+    if valid is not None:
+        valid = np.stack([np.roll(mask, -round(shift), axis=1) for mask, shift in zip(valid, shifts, strict=True)])
+    return replace(references, pixels=pixels, valid=valid)
 
 
 def read_references(source: References, progress: Progress = no_progress) -> ReferencePanoramas:

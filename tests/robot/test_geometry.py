@@ -10,6 +10,7 @@ from panoloc_mcl.robot.geometry import (
     between,
     circular_mean,
     compose,
+    fitted_motion,
     interpolate,
     interpolate_at,
     inverse,
@@ -144,3 +145,14 @@ def test_the_yaw_comes_back_from_a_quaternion(yaw: float, pitch: float, roll: fl
     quaternion = Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_quat()
     assert abs(float(angle_difference(yaw_from_quaternion(*quaternion), yaw))) < 1e-9
     assert abs(float(angle_difference(yaw_from_quaternion(*-quaternion), yaw))) < 1e-9
+
+
+@given(st.floats(-5, 5), st.floats(-5, 5), st.floats(-3, 3), st.integers(0, 1000))
+def test_the_frame_is_found_whatever_it_is_though_one_pose_is_far_off(x: float, y: float, turn: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    said = np.column_stack([rng.uniform(-5.0, 5.0, (20, 2)), rng.uniform(-3.0, 3.0, 20)])
+    motion = np.array([x, y, turn])
+    true = compose(motion, said)
+    said[3, :2] += 4.0
+    found = fitted_motion(said, true)
+    np.testing.assert_allclose(compose(found, said)[np.arange(20) != 3], true[np.arange(20) != 3], atol=1e-6)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +56,13 @@ class Judgement:
 
     metres: Float64
 
+    @classmethod
+    def of(cls, found: Float64, expected: Float64) -> Self:
+        """From poses (n, 3) as they were read, NaN where an image says nothing, and as they are."""
+        metres = np.hypot(*(found - expected)[:, :2].T)
+        astray = np.isnan(metres) | (np.abs(angle_difference(found[:, 2], expected[:, 2])) > _RIGHT_RAD)
+        return cls(np.where(astray, np.inf, metres))
+
     @property
     def right(self) -> int:
         """How many are read rightly."""
@@ -70,18 +78,16 @@ class Judgement:
         return self.right < before.right or self.median_m > _WORSE * before.median_m + _WORSE_M
 
 
-def off(field: VoteField | None, pose: Float64) -> float:
-    """How far an image is read from where it was taken, metres; infinite if it says nothing, or is turned."""
-    if field is None or not field.informative:
-        return np.inf
-    found = field.best_pose if field.measurement is None else field.measurement.pose
-    turned = abs(float(angle_difference(found[2], pose[2])))
-    return float(np.hypot(*(found - pose)[:2])) if turned < _RIGHT_RAD else np.inf
+def pose_of(field: VoteField) -> Float64:
+    """The pose that an image tells, (3,); NaN if it says nothing."""
+    if not field.informative:
+        return np.full(3, np.nan)
+    return field.best_pose if field.measurement is None else field.measurement.pose
 
 
 def of_keyframes(panorama_map: PanoramaMap, names: list[str]) -> Judgement:
     """Of keyframes that the map had before."""
     indices = np.array(sorted(panorama_map.references.names.index(name) for name in names), dtype=np.int64)
     poses = np.pad(panorama_map.references.positions, ((0, 0), (0, 1)))
-    fields = _read_without_itself(panorama_map, indices)
-    return Judgement(np.array([off(field, poses[index]) for field, index in zip(fields, indices, strict=True)]))
+    found = [pose_of(field) for field in _read_without_itself(panorama_map, indices)]
+    return Judgement.of(np.array(found).reshape(-1, 3), poses[indices])

@@ -14,18 +14,19 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.robot.camera import Panorama, Unwrapper
 from panoloc_mcl.robot.errors import ImageError, MapError
-from panoloc_mcl.robot.geometry import compose
+from panoloc_mcl.robot.geometry import angle_difference, compose, fitted_motion
 from panoloc_mcl.robot.images import ImageSource, read_image
 from panoloc_mcl.robot.map.drives import Drive, check_drives
 from panoloc_mcl.robot.map.drives.mapping import map_drives
 from panoloc_mcl.robot.map.drives.meetings import agreed_motion
-from panoloc_mcl.robot.map.held_out import Judgement, of_keyframes, off, spread_over, used_keyframes, usual_agreement
+from panoloc_mcl.robot.map.held_out import Judgement, of_keyframes, pose_of, spread_over, used_keyframes, usual_agreement
+from panoloc_mcl.robot.map.joining import settled_together, stacked
 from panoloc_mcl.robot.map.keyframes import Keyframes
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.map.pose_graph import Priors, solve
 from panoloc_mcl.robot.observation import Places
 from panoloc_mcl.robot.progress import Progress, no_progress
-from panoloc_mcl.robot.references import ReferencePanoramas
+from panoloc_mcl.robot.references import ReferencePanoramas, turned
 from panoloc_mcl.robot.settings.map import MapSettings
 from panoloc_mcl.robot.synthesis.spacing import LEAST_REACH_M
 
@@ -44,6 +45,8 @@ _FAR_IN_SPACINGS, _LESS_AGREEMENT = 0.8, 0.85
 _APART_IN_SPACINGS = 0.6
 # Every so many keyframes of the drive are held out, to judge the new map.
 _HELD_OUT = 5
+# Held-out images that a map must read, to be judged by them.
+_FEWEST = 3
 # In the same light (median grey levels within this factor) images this near a keyframe contradict it if they agree with the map there
 # less than this share of the usual; so many of them do.
 _SAME_LIGHT, _NEAR_IN_SPACINGS, _CONTRADICTS, _CONTRADICTIONS = 1.3, 0.7, 0.7, 2
@@ -70,11 +73,12 @@ class Update:
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """Keyframes of a drive as the map sees them; arrays over all of them."""
+    """Keyframes of a drive as the map sees them, and their poses in the drive's own map; arrays over all of them."""
 
     drive: Drive
     files: tuple[ImageSource, ...]
     keyframes: Keyframes
+    own: Float64
     agreement: Float64
     brightness: Float64
 
@@ -190,7 +194,7 @@ def _localized(panorama_map: PanoramaMap, drive: Drive, settings: MapSettings, p
         return "never meets the map"
     solution = solve(compose(motion, keyframes.poses), keyframes.edges, Priors(measured, sds))
     settled = replace(keyframes, poses=solution.poses, covariances=solution.covariances, edges=solution.edges)
-    return _Seen(drive, files, settled, agreement, brightness)
+    return _Seen(drive, files, settled, keyframes.poses, agreement, brightness)
 
 
 def _read(unwrap: Unwrapper, file: object) -> Panorama | None:
@@ -242,48 +246,44 @@ def _rebuilt(
     added = (
         added[np.unique(np.linspace(0, len(added) - 1, min(len(added), room)).round().astype(np.int64))] if room else added[:0]
     )
-    pixels, masks = [], []
-    for index in added:
-        turn = -float(seen.poses[index, 2])
-        panorama = Unwrapper(seen.drive.camera, seen.drive.image_size, references.geometry, turn)(read_image(seen.files[index]))
-        pixels.append(np.clip(np.rint(panorama.pixels), 0, 255).astype(np.uint8))
-        masks.append(np.ones(references.geometry.shape, dtype=np.bool_) if panorama.valid is None else panorama.valid)
-    old = references.of(kept)
-    valid = old.valid
-    if valid is not None or not all(mask.all() for mask in masks):
-        before = np.ones(old.pixels.shape, dtype=np.bool_) if valid is None else valid
-        valid = np.concatenate([before, np.array(masks, dtype=np.bool_).reshape(-1, *references.geometry.shape)])
-    names = (*old.names, *(seen.keyframes.names[index] for index in added))
-    panoramas = ReferencePanoramas(
-        pixels=np.concatenate([old.pixels, np.array(pixels, dtype=np.uint8).reshape(-1, *references.geometry.shape)]),
+    images = _panoramas(panorama_map, seen)
+    together = settled_together(panorama_map, seen.keyframes, images, progress)
+    before = np.concatenate([keyframes.poses[:, 2], seen.poses[:, 2]])
+    chosen = np.concatenate([kept, len(references) + added])
+    panoramas = turned(stacked(references, images), angle_difference(together.poses[:, 2], before)).of(chosen)
+    panoramas = replace(panoramas, positions=np.ascontiguousarray(together.poses[chosen, :2]))
+    return panorama_map.with_keyframes(panoramas, together.of(chosen), progress)
+
+
+def _panoramas(panorama_map: PanoramaMap, seen: _Seen) -> ReferencePanoramas:
+    """Images of the drive as the map's panoramas, turned to heading 0 by their poses."""
+    references = panorama_map.references
+    read = [
+        Unwrapper(seen.drive.camera, seen.drive.image_size, references.geometry, -float(heading))(read_image(file))
+        for file, heading in zip(seen.files, seen.poses[:, 2], strict=True)
+    ]
+    valid = None
+    if any(one.valid is not None for one in read):
+        valid = np.array([np.ones(one.pixels.shape, dtype=np.bool_) if one.valid is None else one.valid for one in read])
+    return ReferencePanoramas(
+        pixels=np.array([np.clip(np.rint(one.pixels), 0, 255) for one in read], dtype=np.uint8),
         valid=valid,
-        positions=np.concatenate([old.positions, seen.poses[added, :2]]),
-        names=names,
+        positions=np.ascontiguousarray(seen.poses[:, :2]),
+        names=seen.keyframes.names,
         geometry=references.geometry,
         camera_height_m=references.camera_height_m,
-    )
-    return panorama_map.with_keyframes(panoramas, _joined(keyframes.of(kept), seen, added, names), progress)
-
-
-def _joined(keyframes: Keyframes, seen: _Seen, added: Int64, names: tuple[str, ...]) -> Keyframes:
-    new = seen.keyframes.of(added)
-    edges = replace(new.edges, first=new.edges.first + len(keyframes), second=new.edges.second + len(keyframes))
-    return replace(
-        keyframes,
-        names=names,
-        given=np.concatenate([keyframes.given, new.poses]),
-        poses=np.concatenate([keyframes.poses, new.poses]),
-        covariances=np.concatenate([keyframes.covariances, new.covariances]),
-        times=np.concatenate([keyframes.times, new.times]),
-        drives=(*keyframes.drives, *new.drives),
-        edges=keyframes.edges.joined(edges),
     )
 
 
 def _of_drive(panorama_map: PanoramaMap, seen: _Seen, held_out: Int64) -> Judgement:
-    """Of images of the drive."""
+    """Of images of the drive: as its own map has them, laid onto this one."""
     model = panorama_map.observation_model()
     unwrap = panorama_map.unwrapper(seen.drive.camera, seen.drive.image_size)
     read = [_read(unwrap, seen.files[index]) for index in held_out]
     fields = [None if panorama is None else model.observe(panorama) for panorama in read]
-    return Judgement(np.array([off(field, seen.poses[index]) for field, index in zip(fields, held_out, strict=True)]))
+    found = np.array([np.full(3, np.nan) if field is None else pose_of(field) for field in fields]).reshape(-1, 3)
+    told = np.isfinite(found[:, 0])
+    if told.sum() < _FEWEST:
+        return Judgement(np.full(len(held_out), np.inf))
+    expected = compose(fitted_motion(seen.own[held_out][told], found[told]), seen.own[held_out])
+    return Judgement.of(found, expected)

@@ -9,7 +9,7 @@ import numpy as np
 
 from panoloc_mcl.robot.errors import DatasetError
 from panoloc_mcl.robot.filters import Status
-from panoloc_mcl.robot.geometry import FloatArray, angle_difference, between, compose, wrap_angle
+from panoloc_mcl.robot.geometry import FloatArray, angle_difference, between, compose, fitted_motion, wrap_angle
 from panoloc_mcl.robot.localizer import Localizer
 from panoloc_mcl.robot.map.keyframes import LOOP
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
@@ -22,7 +22,6 @@ from panoloc_mcl.tools.streams import answers, recorded
 _FALSE_M, _FALSE_RAD, _BELIEVED = 0.3, np.radians(10.0), 0.5
 # A grossly wrong reference that the map holds farther than this from the truth was kept wrong.
 _KEPT_WRONG_M, _KEPT_WRONG_DEG = 0.1, 3.0
-_OUTLYING, _LEAST_OUTLYING_M, _ALIGNMENT_ROUNDS = 5.0, 0.3, 5
 
 Values = dict[str, Any]
 
@@ -52,7 +51,7 @@ def judged_keyframes(panorama_map: PanoramaMap, dataset: Dataset, wrong: Sequenc
     """
     keyframes = panorama_map.keyframes
     truth = _truth(panorama_map, dataset)
-    frame = aligning(keyframes.poses, truth)
+    frame = fitted_motion(keyframes.poses, truth)
     own = np.array([drive == keyframes.drives[0] for drive in keyframes.drives])
     given = keyframes.given[own]
     edges = keyframes.edges
@@ -67,7 +66,7 @@ def judged_keyframes(panorama_map: PanoramaMap, dataset: Dataset, wrong: Sequenc
     return {
         "keyframes": len(keyframes),
         "way_m": float(np.hypot(*np.diff(truth[own][:, :2], axis=0).T).sum()),
-        "given": _spread(*_errors(given, truth[own], aligning(given, truth[own]))),
+        "given": _spread(*_errors(given, truth[own], fitted_motion(given, truth[own]))),
         "mended": _spread(metres, degrees),
         "unaligned": _spread(*_errors(keyframes.poses, truth, np.zeros(3))),
         "claimed": [float(value) for value in np.median(keyframes.sds, axis=0)],
@@ -132,28 +131,6 @@ def _truth(panorama_map: PanoramaMap, dataset: Dataset) -> FloatArray:
             raise DatasetError(f"{recorded_drive.path}: has no ground truth; maps are judged by it")
         found.append(recorded_drive.camera.mounting.camera_poses(recorded_drive.groundtruth.at(when)[None])[0])
     return np.array(found)
-
-
-def aligning(said: FloatArray, true: FloatArray) -> FloatArray:
-    """The rigid motion (3,) that brings most positions nearest to the true ones.
-
-    Parameters
-    ----------
-    said, true : float64 (n, 3)
-        Poses; those that are far off have no say from the second round on.
-    """
-    near = np.ones(len(said), dtype=np.bool_)
-    motion = np.zeros(3)
-    for _ in range(_ALIGNMENT_ROUNDS):
-        a, b = said[near, :2], true[near, :2]
-        a, b = a - a.mean(axis=0), b - b.mean(axis=0)
-        turn = float(np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a * b)))
-        cos, sin = np.cos(turn), np.sin(turn)
-        x, y = said[near, :2].mean(axis=0)
-        motion = np.array([*(true[near, :2].mean(axis=0) - (cos * x - sin * y, sin * x + cos * y)), turn])
-        away = np.hypot(*(compose(motion, said) - true)[:, :2].T)
-        near = away <= max(_LEAST_OUTLYING_M, _OUTLYING * float(np.median(away)))
-    return motion
 
 
 def _errors(said: FloatArray, true: FloatArray, frame: FloatArray) -> tuple[FloatArray, FloatArray]:
