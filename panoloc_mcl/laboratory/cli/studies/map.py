@@ -13,7 +13,10 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """``--dataset``, ``--every``, ``--set``, ``--rows``, ``--seeds``."""
-    add_data_options(parser)
+    add_data_options(parser, every=False)
+    parser.add_argument(
+        "--every", type=at_least(0), default=6, metavar="N", help="localize every N-th image; 0: look at the keyframes only"
+    )
     parser.add_argument(
         "--rows",
         nargs="+",

@@ -18,13 +18,15 @@ from panoloc_mcl.laboratory.studies.mapping.judging import Values, judged_keyfra
 from panoloc_mcl.laboratory.studies.mapping.surveys import SURVEYS, disturbed
 from panoloc_mcl.robot.errors import ConfigError
 from panoloc_mcl.robot.files import cache_folder, write_atomically
+from panoloc_mcl.robot.map.drives.mapping import map_drives
+from panoloc_mcl.robot.map.keyframes import Keyframes
+from panoloc_mcl.robot.map.mending import mend
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.map.updating import update_map
 from panoloc_mcl.robot.observation import build_settings
 from panoloc_mcl.robot.progress import Progress
 from panoloc_mcl.tools.config import RunConfig
 from panoloc_mcl.tools.datasets import Dataset
-from panoloc_mcl.tools.datasets import Sequence as Drive
 from panoloc_mcl.tools.runs.map_drives import drives_of
 from panoloc_mcl.tools.runs.source import OF_MAPS, source_digest
 
@@ -94,16 +96,37 @@ def cell(config: RunConfig, dataset: Dataset, row: Row, seed: int, every: int, p
         kept: Values = json.loads(path.read_text(encoding="utf-8"))
         return kept
     begin = time.process_time()
+    if every == 0:
+        keyframes, wrong, notes = _keyframes(config, dataset, row, seed, progress)
+        figures, _ = judged_keyframes(keyframes, dataset, wrong)
+        values: Values = {"seconds": time.process_time() - begin, "maps": {"": figures | {"localized": {}, "notes": notes}}}
+        write_atomically(path, json.dumps(values))
+        return values
     maps, wrong = _maps(config, dataset, row, seed, progress)
-    values: Values = {"seconds": time.process_time() - begin, "maps": {}}
+    values = {"seconds": time.process_time() - begin, "maps": {}}
     drives = [d for d in dataset.select(config.sequences) if d.groundtruth is not None and d.name not in row.drives]
-    for name, (panorama_map, notes) in maps.items():
-        figures, frame = judged_keyframes(panorama_map, dataset, wrong)
+    for name, (panorama_map, said) in maps.items():
+        figures, frame = judged_keyframes(panorama_map.keyframes, dataset, wrong)
         of_drives = {drive.name: localized(config, panorama_map, drive, every, frame) for drive in drives}
-        values["maps"][name] = figures | {"localized": of_drives, "notes": list(notes)}
+        values["maps"][name] = figures | {"localized": of_drives, "notes": list(said)}
         progress(len(values["maps"]), len(maps), f"localized in the maps of {row.text}")
     write_atomically(path, json.dumps(values))
     return values
+
+
+def _keyframes(
+    config: RunConfig, dataset: Dataset, row: Row, seed: int, progress: Progress
+) -> tuple[Keyframes, list[int], list[str]]:
+    """Keyframes alone, without the map that is made of them; references that were grossly wrong, and what was said."""
+    votes = config.observation.votes
+    if row.updates:
+        raise ConfigError(f"--rows {row.text}: an update needs whole maps; give --every 1 or more")
+    if row.text in SURVEYS:
+        poses, wrong = disturbed(row.text, dataset.references.poses, seed)
+        made = mend(replace(dataset.references, poses=poses), votes, config.map, progress)
+        return made.keyframes, wrong, list(made.notes)
+    made = map_drives(drives_of(_driven_again(dataset, seed), row.drives)[0], votes, config.map, progress)
+    return made.keyframes, [], list(made.notes)
 
 
 def _maps(
@@ -115,10 +138,10 @@ def _maps(
         poses, wrong = disturbed(row.text, dataset.references.poses, seed)
         built = PanoramaMap.build(replace(dataset, references=replace(dataset.references, poses=poses)), *made)
         return {"": (built, built.notes)}, wrong
-    erring = replace(dataset, sequences={name: _driven_again(drive, seed) for name, drive in dataset.sequences.items()})
+    erring = _driven_again(dataset, seed)
 
     def of(names: Sequence[str]) -> PanoramaMap:
-        path = _kept(config, dataset, Row(f"drives:{'+'.join(names)}"), seed, 0, "panomap")
+        path = _kept(config, dataset, Row(f"drives:{'+'.join(names)}"), seed, None, "panomap")
         if path.is_file():
             return PanoramaMap.load(path)
         if names == [_REFERENCES]:
@@ -138,18 +161,21 @@ def _maps(
     return maps, []
 
 
-def _driven_again(drive: Drive, seed: int) -> Drive:
-    """The drive with odometry that errs anew; as recorded with seed 0."""
-    if seed == 0 or drive.groundtruth is None or drive.odometry is None:
-        return drive
-    rng = np.random.default_rng([seed, *drive.name.encode()])
-    return replace(drive, odometry=reported(drive.groundtruth, drive.odometry.times, Odometry(), rng))
+def _driven_again(dataset: Dataset, seed: int) -> Dataset:
+    """Drives with odometry that errs anew; as recorded with seed 0."""
+    sequences = {}
+    for name, drive in dataset.sequences.items():
+        sequences[name] = drive
+        if seed and drive.groundtruth is not None and drive.odometry is not None:
+            rng = np.random.default_rng([seed, *name.encode()])
+            sequences[name] = replace(drive, odometry=reported(drive.groundtruth, drive.odometry.times, Odometry(), rng))
+    return replace(dataset, sequences=sequences)
 
 
-def _kept(config: RunConfig, dataset: Dataset, row: Row, seed: int, every: int, kind: str) -> Path:
-    """Where a cell's figures are kept, or with ``every`` 0 a map."""
+def _kept(config: RunConfig, dataset: Dataset, row: Row, seed: int, every: int | None, kind: str) -> Path:
+    """Where a cell's figures are kept, or without ``every`` a map."""
     said = {
-        "code": source_digest(_OF_CELLS if every else OF_MAPS),
+        "code": source_digest(OF_MAPS if every is None else _OF_CELLS),
         "row": row.text,
         "seeds": [seed, config.seed],
         "map": config.map.model_dump(mode="json", exclude={"file"}),

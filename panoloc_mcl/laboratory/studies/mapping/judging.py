@@ -11,7 +11,7 @@ from panoloc_mcl.robot.errors import DatasetError
 from panoloc_mcl.robot.filters import Status
 from panoloc_mcl.robot.geometry import FloatArray, angle_difference, between, compose, fitted_motion, wrap_angle
 from panoloc_mcl.robot.localizer import Localizer
-from panoloc_mcl.robot.map.keyframes import LOOP
+from panoloc_mcl.robot.map.keyframes import LOOP, Keyframes
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.tools.config import RunConfig
 from panoloc_mcl.tools.datasets import Dataset
@@ -26,12 +26,12 @@ _KEPT_WRONG_M, _KEPT_WRONG_DEG = 0.1, 3.0
 Values = dict[str, Any]
 
 
-def judged_keyframes(panorama_map: PanoramaMap, dataset: Dataset, wrong: Sequence[int] = ()) -> tuple[Values, FloatArray]:
+def judged_keyframes(keyframes: Keyframes, dataset: Dataset, wrong: Sequence[int] = ()) -> tuple[Values, FloatArray]:
     """Errors of keyframes before and after mending.
 
     Parameters
     ----------
-    panorama_map : PanoramaMap
+    keyframes : Keyframes
     dataset : Dataset
         With the true poses.
     wrong : sequence of int
@@ -49,8 +49,7 @@ def judged_keyframes(panorama_map: PanoramaMap, dataset: Dataset, wrong: Sequenc
     DatasetError
         A drive without ground truth.
     """
-    keyframes = panorama_map.keyframes
-    truth = _truth(panorama_map, dataset)
+    truth = _truth(keyframes, dataset)
     frame = fitted_motion(keyframes.poses, truth)
     own = np.array([drive == keyframes.drives[0] for drive in keyframes.drives])
     given = keyframes.given[own]
@@ -115,14 +114,12 @@ def localized(config: RunConfig, panorama_map: PanoramaMap, drive: Drive, every:
     return found
 
 
-def _truth(panorama_map: PanoramaMap, dataset: Dataset) -> FloatArray:
+def _truth(keyframes: Keyframes, dataset: Dataset) -> FloatArray:
     """True standpoints of the keyframes (n, 3)."""
     files = [file.name for file in dataset.references.files]
     surveyed = dataset.references.standpoints
     found = []
-    for name, drive, when in zip(
-        panorama_map.keyframes.names, panorama_map.keyframes.drives, panorama_map.keyframes.times, strict=True
-    ):
+    for name, drive, when in zip(keyframes.names, keyframes.drives, keyframes.times, strict=True):
         if not drive:
             found.append(surveyed[files.index(name)])
             continue
