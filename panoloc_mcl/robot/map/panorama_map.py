@@ -24,11 +24,8 @@ from panoloc_mcl.robot.camera import Camera, PanoramaGeometry, Unwrapper, camera
 from panoloc_mcl.robot.errors import MapError, PanolocError
 from panoloc_mcl.robot.files import known_errors, write_atomically
 from panoloc_mcl.robot.map.drives import Drive
-<<<<<<< HEAD
-from panoloc_mcl.robot.map.headings import with_headings
-=======
 from panoloc_mcl.robot.map.drives.mapping import map_drives
->>>>>>> bdbabf6 (Study of maps; builds of drives go on where they were stopped; odometry that stands still; updates by a map of the later drive, judged on the past too)
+from panoloc_mcl.robot.map.headings import with_headings
 from panoloc_mcl.robot.map.keyframes import Keyframes
 from panoloc_mcl.robot.map.mending import Mended, mend
 from panoloc_mcl.robot.observation import ObservationModel, Places, build_settings, model_named

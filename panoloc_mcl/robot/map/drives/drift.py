@@ -15,7 +15,7 @@ from panoloc_mcl.robot.map.drives.choice import references_of
 from panoloc_mcl.robot.map.drives.drive import Drive
 from panoloc_mcl.robot.references import read_references
 from panoloc_mcl.robot.settings.observation import VotesSettings
-from panoloc_mcl.robot.synthesis.depth import fit_of_depths
+from panoloc_mcl.robot.synthesis.depth import core_rows, fit_of_depths, with_rows
 from panoloc_mcl.robot.synthesis.views import ViewSynthesizer
 
 Float64 = NDArray[np.float64]
@@ -98,6 +98,7 @@ def _fits(drive: Drive, middles: Int64, votes: VotesSettings) -> Float64:
     """How well keyframes fit those before and after them, with the depths at which they fit best."""
     looked_at = np.unique(np.concatenate([middles - 1, middles, middles + 1]))
     panoramas = read_references(references_of(drive.of(looked_at)))
+    panoramas = with_rows(panoramas, core_rows(panoramas.geometry))
     assert panoramas.camera_height_m is not None
     synthesizer = ViewSynthesizer(panoramas, np.ones((len(panoramas), panoramas.geometry.width)), panoramas.camera_height_m)
     places = np.searchsorted(looked_at, middles)
