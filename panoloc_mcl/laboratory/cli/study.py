@@ -12,7 +12,7 @@ STUDIES = (
     "images",
     "ablation",
     "confidence",
-    "poses",
+    "maps.poses",
     "soak",
     "kills",
     "consistency",
@@ -20,7 +20,7 @@ STUDIES = (
     "camera",
     "layouts",
     "racing",
-    "map",
+    "maps.map",
 )
 
 _MEMBERS: list[Reporting] = [importlib.import_module(f"panoloc_mcl.laboratory.cli.studies.{name}").COMMAND for name in STUDIES]

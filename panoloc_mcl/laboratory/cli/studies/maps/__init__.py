@@ -1,0 +1,1 @@
+"""Studies of maps: ``panoloc study map``, ``panoloc study poses``."""
