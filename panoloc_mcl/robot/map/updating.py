@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,7 +90,11 @@ class _Seen:
 
 
 def update_map(
-    panorama_map: PanoramaMap, drives: Sequence[Drive], settings: MapSettings | None = None, progress: Progress = no_progress
+    panorama_map: PanoramaMap,
+    drives: Sequence[Drive],
+    settings: MapSettings | None = None,
+    progress: Progress = no_progress,
+    unfinished: Path | None = None,
 ) -> Update:
     """Bring a map up to date with later drives.
 
@@ -99,6 +104,8 @@ def update_map(
     drives : sequence of Drive
     settings : MapSettings, optional
     progress : callable (done, total, what)
+    unfinished : Path, optional
+        Where stages of a drive's own map are kept, so that an update that was stopped goes on (see `map_drives`).
 
     Raises
     ------
@@ -110,14 +117,16 @@ def update_map(
     changed = False
     for drive in drives:
         notes += check_drives([drive])
-        done = _updated(panorama_map, drive, settings, progress)
+        done = _updated(panorama_map, drive, settings, progress, unfinished)
         panorama_map, changed = done.panorama_map, changed or done.changed
         notes += done.notes
     return Update(panorama_map, changed, tuple(notes))
 
 
-def _updated(panorama_map: PanoramaMap, drive: Drive, settings: MapSettings, progress: Progress) -> Update:
-    seen = _localized(panorama_map, drive, settings, progress)
+def _updated(
+    panorama_map: PanoramaMap, drive: Drive, settings: MapSettings, progress: Progress, unfinished: Path | None
+) -> Update:
+    seen = _localized(panorama_map, drive, settings, progress, unfinished)
     if isinstance(seen, str):
         return Update(panorama_map, False, (f"drive {drive.name}: {seen}; the map stays as it is",))
     held_out = np.arange(len(seen.poses)) % _HELD_OUT == _HELD_OUT - 1
@@ -159,7 +168,9 @@ def _comparable(old: PanoramaMap, new: PanoramaMap, seen: _Seen) -> list[str]:
     return [old.references.names[index] for index in spread_over(kept)] if len(kept) else []
 
 
-def _localized(panorama_map: PanoramaMap, drive: Drive, settings: MapSettings, progress: Progress) -> _Seen | str:
+def _localized(
+    panorama_map: PanoramaMap, drive: Drive, settings: MapSettings, progress: Progress, unfinished: Path | None = None
+) -> _Seen | str:
     """Keyframes of a drive with their poses in the map; why not, where too few images tell them, or they contradict each other.
 
     The drive becomes a map of its own first, whose relative poses are those of one light; then it is laid onto the map by all images
@@ -167,7 +178,7 @@ def _localized(panorama_map: PanoramaMap, drive: Drive, settings: MapSettings, p
     """
     unwrap = panorama_map.unwrapper(drive.camera, drive.image_size)
     try:
-        own = map_drives([drive], panorama_map.observation.votes, settings, progress)
+        own = map_drives([drive], panorama_map.observation.votes, settings, progress, unfinished)
     except MapError as error:
         return str(error)
     model = panorama_map.observation_model()

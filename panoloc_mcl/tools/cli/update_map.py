@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 from panoloc_mcl.tools.cli.command import Command, add_json_option, add_set_option, overrides_of
 
@@ -35,11 +36,14 @@ def execute(args: argparse.Namespace) -> int:
         drives, said = drives_of(dataset, args.drives)
         for line in said:
             watching.notice(line)
-        done = update_map(old, drives, config.map, watching.progress)
+        # An update that is stopped goes on from here the next time.
+        unfinished = Path(f"{path}.unfinished")
+        done = update_map(old, drives, config.map, watching.progress, unfinished)
         for line in done.notes:
             watching.notice(line)
         if done.changed or args.output is not None:
             done.panorama_map.save(path)
+        unfinished.unlink(missing_ok=True)
     report(done.panorama_map, path, args.json, changed=done.changed, done=list(done.notes))
     return 0
 
