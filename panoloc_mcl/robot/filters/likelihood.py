@@ -90,7 +90,9 @@ class Likelihood:
         flat = votes.votes[:: max(1, len(votes.headings) // _HEADINGS)].ravel()
         likely = flat[np.flatnonzero(flat >= deepest)]
         mean = float(votes.likelihood(likely, sharpness).sum()) / flat.size
-        floor, doubt = settings.floor, max(settings.measured_doubt, votes.doubt)
+        doubt = max(settings.measured_doubt, votes.doubt)
+        # Where an image knows its doubt, that is the least likelihood.
+        floor = 0.0 if measured is None and not math.isnan(votes.confidence) else settings.floor
         # Blocks of particles may be read in several threads at once; what they share is worked out here.
         _ = votes.peak, votes.places.raster
         return cls(votes, measured, doubt, floor, sharpness, (1.0 - floor) * mean + floor, uniform)

@@ -8,7 +8,7 @@ pose is, given what the field and the refinement look like (logistic regression,
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -143,6 +143,7 @@ def calibrate(
     progress: Progress = no_progress,
     threads: int = 1,
     wrong_share: float = WRONG_SHARE,
+    between: bool = True,
 ) -> Calibration | None:
     """Learn from references that are held out one by one.
 
@@ -159,6 +160,10 @@ def calibrate(
     wrong_share : float
         Probability that the best pose of an image is wrong, before anything is seen of it, in (0, 1). What share of the trials is wrong
         does not matter.
+    between : bool
+        Whether places lie between the references. Where they are the references, one that is held out is twice as far from the next as
+        a robot is at most: its best cell is found more seldom than a robot's, so that confidence errs to the safe side, and the
+        tolerance is the one that tells right cells from wrong ones best.
 
     Returns
     -------
@@ -181,8 +186,11 @@ def calibrate(
         refined_weights = _fitted(judged, right, wrong_share)
     probabilities = _out_of_fold(judged, right, positions, _NEIGHBOURS_IN_SPACINGS * spacing, wrong_share)
     shortfalls = np.array([trial.shortfall for trial in trials if trial.field_right])
+    tolerance = float(np.sqrt(np.mean(shortfalls**2))) if between else _telling_tolerance(trials)
+    if tolerance is None:
+        return None
     return Calibration(
-        float(np.sqrt(np.mean(shortfalls**2))),
+        tolerance,
         field_weights,
         refined_weights,
         len(trials),
@@ -196,23 +204,10 @@ def right_within(references: ReferencePanoramas) -> float:
     return float(np.clip(_RIGHT_IN_SPACINGS * usual_spacing(references.positions), _LEAST_RIGHT_M, _MOST_RIGHT_M))
 
 
-def learn_tolerance(
-    held_out: Callable[[int], HeldOut],
-    references: ReferencePanoramas,
-    most_references: int,
-    progress: Progress = no_progress,
-    threads: int = 1,
-) -> float | None:
-    """The tolerance of a field whose places are the references (parameters as in `calibrate`).
-
-    Held out, a reference is twice as far from the next place as a robot is at most, so how sure the best cell is cannot be learnt from
-    it; but how far the votes of right and wrong cells lie apart can. None where these images tell nothing.
-    """
-    trials = [trial for trial in _all_trials(held_out, references, most_references, progress, threads) if trial.upright]
-    if not trials:
-        return None
+def _telling_tolerance(trials: Sequence[_Trial]) -> float | None:
+    upright = [trial for trial in trials if trial.upright]
     return most_likely_tolerance(
-        np.array([trial.shortfall for trial in trials]), np.array([trial.shortfalls for trial in trials])
+        np.array([trial.shortfall for trial in upright]), np.array([trial.shortfalls for trial in upright])
     )
 
 

@@ -22,7 +22,7 @@ from panoloc_mcl.robot.camera import Panorama
 from panoloc_mcl.robot.eigenspace.gradients import check_filter_size, orientations
 from panoloc_mcl.robot.eigenspace.pca import eigenspace_of
 from panoloc_mcl.robot.observation.base import Arrays
-from panoloc_mcl.robot.observation.calibration import Calibration, calibrate, learn_tolerance
+from panoloc_mcl.robot.observation.calibration import Calibration, calibrate
 from panoloc_mcl.robot.observation.field import VoteField, at_headings, silent_field
 from panoloc_mcl.robot.observation.overlap import OverlapNorms, block_energy, block_usable, squared_magnitude
 from panoloc_mcl.robot.observation.places import Places
@@ -108,7 +108,6 @@ class VotesModel:
         self.kept = kept
         self.notes = notes
         self.calibration = calibration
-        self.learnt_tolerance: float | None = None
         self._used = used
         self._spectra = spectra
         self._coefficients = coefficients
@@ -184,10 +183,9 @@ class VotesModel:
             used=used,
         )
         most, threads = settings.calibration_references, _threads(settings)
-        if synthesizer is None:
-            model.learnt_tolerance = learn_tolerance(model.held_out, references, most, progress, threads)
-        else:
-            model.calibration = calibrate(model.held_out, references, most, progress, threads, settings.wrong_share)
+        between = synthesizer is not None
+        model.calibration = calibrate(model.held_out, references, most, progress, threads, settings.wrong_share, between)
+        if synthesizer is not None:
             synthesizer.errors = learn_source_errors(synthesizer, settings, most, progress, threads)
             model.notes += synthesizer.errors.notes
         return model
@@ -203,7 +201,7 @@ class VotesModel:
             profiles, alone = arrays["profiles"].astype(np.float64), arrays["alone"].astype(np.bool_)
             synthesizer = ViewSynthesizer(references, profiles, references.camera_height_m, alone)
             synthesizer.errors = SourceErrors.of_array(arrays.get("source_errors"))
-        model = cls(
+        return cls(
             _places(references, everywhere, settings, synthesizer),
             settings,
             references.geometry.width,
@@ -216,9 +214,6 @@ class VotesModel:
             calibration=Calibration.of_array(arrays["calibration"]) if "calibration" in arrays else None,
             used=arrays["used"],
         )
-        if "tolerance" in arrays:
-            model.learnt_tolerance = float(arrays["tolerance"][0])
-        return model
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """What a map file keeps."""
@@ -235,8 +230,6 @@ class VotesModel:
             kept["profiles"] = self._synthesizer.profiles.astype(np.float32)
             kept["alone"] = self._synthesizer.alone.astype(np.uint8)
             kept["source_errors"] = self._synthesizer.errors.array()
-        if self.learnt_tolerance is not None:
-            kept["tolerance"] = np.array([self.learnt_tolerance])
         if self.calibration is not None:
             kept["calibration"] = self.calibration.array()
         return kept
@@ -286,7 +279,8 @@ class VotesModel:
         if self.calibration is None:
             return field
         confidence = self.calibration.confidence(field)
-        fits = confidence >= self.settings.fits_nowhere_below
+        # Without places in between, what it learnt from is harder than what a robot sees: nothing is refused by it.
+        fits = confidence >= self.settings.fits_nowhere_below or self._synthesizer is None
         return field.judged(
             confidence, "" if fits else f"image fits nowhere in the map (confidence {100.0 * confidence:.0f} %)"
         )
@@ -295,8 +289,7 @@ class VotesModel:
     def _tolerance(self) -> float:
         if self.settings.tolerance is not None:
             return self.settings.tolerance
-        learnt = self.learnt_tolerance if self.calibration is None else self.calibration.tolerance
-        return _USUAL_TOLERANCE if learnt is None else max(learnt, _LEAST_TOLERANCE)
+        return _USUAL_TOLERANCE if self.calibration is None else max(self.calibration.tolerance, _LEAST_TOLERANCE)
 
     def held_out(self, reference: int) -> VotesModel:
         """The model as though a reference had never been taken.

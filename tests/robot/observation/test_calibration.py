@@ -218,12 +218,16 @@ def test_the_tolerance_is_that_of_the_true_poses() -> None:
     assert most_likely_tolerance(rng.uniform(0.0, 1.0, 2000), of_map) is None
 
 
-def test_a_map_without_views_learns_its_tolerance_from_the_references() -> None:
+def test_a_map_without_views_learns_from_the_references_and_refuses_nothing() -> None:
     room = BareRoom(low=(-1.5, -1.2), high=(2.6, 2.7)).references(PanoramaGeometry(90, 36, -50.0, 25.0), grid(7, 5, 0.25))
     settings = VotesSettings(thinning=False, virtual_places=VirtualPlacesSettings(enabled=False))
     model = VotesModel.build(room, settings)
-    assert model.calibration is None
-    assert model.learnt_tolerance is not None
+    assert model.calibration is not None
     restored = VotesModel.restore(room, settings, model.arrays())
     image = room.panorama(9)
     assert restored.observe(image).tolerance == model.observe(image).tolerance
+    assert model.observe(image).confidence > 0.9
+    # Taken nowhere: doubted, but not refused, since what was learnt from is harder than what a robot sees.
+    nowhere = model.observe(Panorama(np.ascontiguousarray(image.pixels[::-1])))
+    assert nowhere.confidence < 0.5
+    assert nowhere.informative
