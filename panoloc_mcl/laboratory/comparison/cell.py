@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from panoloc_mcl.laboratory.comparison.alone import look
 from panoloc_mcl.laboratory.comparison.matrix import Cell
-from panoloc_mcl.laboratory.comparison.runs import FORMAT, Failure, Overheard, Runs
+from panoloc_mcl.laboratory.comparison.runs import FORMAT, Failure, MapCost, Overheard, Runs
 from panoloc_mcl.laboratory.corruptions import Recipe, corrupt, parse_recipe
 from panoloc_mcl.laboratory.corruptions.recipe import CLEAN
 from panoloc_mcl.robot.camera import Panorama, to_mapping
@@ -34,12 +35,19 @@ from panoloc_mcl.tools.datasets import Dataset, read_dataset, resolve_dataset
 from panoloc_mcl.tools.datasets import Sequence as Drive
 from panoloc_mcl.tools.datasets.splice import teleports_of
 from panoloc_mcl.tools.datasets.thinning import thinned
-from panoloc_mcl.tools.runs.map_cache import cached_map
+from panoloc_mcl.tools.runs.map_cache import cached_map, cost_of_map
 from panoloc_mcl.tools.runs.pipeline import Task, check_task, localize, make_tasks
 from panoloc_mcl.tools.runs.source import source_digest
 
 # Parts that figures depend on, and those of them that change none.
-_WITH_FIGURES = ("robot/", "tools/", "laboratory/comparison/cell.py", "laboratory/corruptions/", "laboratory/peers/")
+_WITH_FIGURES = (
+    "robot/",
+    "tools/",
+    "laboratory/comparison/cell.py",
+    "laboratory/comparison/alone.py",
+    "laboratory/corruptions/",
+    "laboratory/peers/",
+)
 _WITHOUT_FIGURES = ("tools/cli/", "tools/report/")
 _MAPS_KEPT = 4
 
@@ -92,6 +100,7 @@ def make_job(cell: Cell, dataset: Dataset) -> Job:
         "references": cell.method["references"],
         "frames": cell.frames,
         "every": cell.every,
+        "alone": cell.alone,
         "data": data,
     }
     key = hashlib.sha256(json.dumps(description, sort_keys=True).encode()).hexdigest()[:32]
@@ -152,13 +161,15 @@ def run_cell(job: Job) -> Runs:
     """
     config = job.cell.config
     dataset = _as_recorded(job, _checked_dataset(job))
-    panorama_map, model = _map(job, dataset)
+    panorama_map, model, cost = _map(job, dataset)
     recipe = parse_recipe(job.cell.condition["corruption"])
     if recipe.changes_data:
         # Written into the data set already, all of it.
         recipe = parse_recipe(CLEAN)
     elif recipe.changes_images:
         model = cast(ObservationModel, _Disturbed(model, recipe, config.seed, panorama_map))
+    if job.cell.alone:
+        return look(dataset.select(config.sequences), panorama_map, model, cost)
     records = []
     overheard = Overheard()
     for task in make_tasks(dataset, config):
@@ -175,15 +186,14 @@ def _as_recorded(job: Job, dataset: Dataset) -> Dataset:
     wanted = {drive.name for drive in dataset.select(cell.config.sequences)}
     dataset = replace(
         dataset,
-        sequences={
-            name: _thinned(drive, cell.frames, cell.every) if name in wanted else drive
-            for name, drive in dataset.sequences.items()
-        },
+        sequences={name: _thinned(drive, cell) if name in wanted else drive for name, drive in dataset.sequences.items()},
     )
     recipe = parse_recipe(cell.condition["corruption"])
     if not recipe.changes_data:
         return dataset
-    said = json.dumps([code_digest(), job.data, recipe.text, cell.config.seed, sorted(wanted), cell.frames, cell.every])
+    said = json.dumps(
+        [code_digest(), job.data, recipe.text, cell.config.seed, sorted(wanted), cell.frames, cell.every, cell.alone]
+    )
     name = re.sub(r"[^A-Za-z0-9_-]+", "_", f"{dataset.name}-{recipe.text}")[:60]
     path = cache_folder() / "corrupted" / f"{name}-{hashlib.sha256(said.encode()).hexdigest()[:16]}"
     if not (path / "dataset.yaml").is_file():
@@ -198,9 +208,13 @@ def _as_recorded(job: Job, dataset: Dataset) -> Dataset:
     return read_dataset(path)
 
 
-def _thinned(drive: Drive, frames: int | None, every: int) -> Drive:
-    kept = slice(0, frames, every)
-    return drive if frames is None and every == 1 else replace(drive, times=drive.times[kept], files=drive.files[kept])
+def _thinned(drive: Drive, cell: Cell) -> Drive:
+    # Single images do not begin with the first: drives may all begin at a reference.
+    first = min(cell.every // 2, len(drive) - 1) if cell.alone else 0
+    kept = slice(first, cell.frames, cell.every)
+    return (
+        drive if cell.frames is None and cell.every == 1 else replace(drive, times=drive.times[kept], files=drive.files[kept])
+    )
 
 
 def _checked_dataset(job: Job) -> Dataset:
@@ -296,7 +310,7 @@ def _with_files(start: str, files: Sequence[ImageSource]) -> str:
 
 
 MapKey = tuple[str, str, str, int]
-_MAPS: dict[MapKey, tuple[PanoramaMap, ObservationModel]] = {}
+_MAPS: dict[MapKey, tuple[PanoramaMap, ObservationModel, MapCost]] = {}
 
 
 def _key_of_map(cell: Cell, dataset: Dataset) -> MapKey:
@@ -306,8 +320,8 @@ def _key_of_map(cell: Cell, dataset: Dataset) -> MapKey:
     return source, cell.method["references"], config.observation.model_dump_json() + config.map.model_dump_json(), seed
 
 
-def _map(job: Job, dataset: Dataset) -> tuple[PanoramaMap, ObservationModel]:
-    """The map that a job needs; the last few are kept in memory, all of them in the cache of files."""
+def _map(job: Job, dataset: Dataset) -> tuple[PanoramaMap, ObservationModel, MapCost]:
+    """The map that a job needs and its cost; the last few are kept in memory, all of them in the cache of files."""
     key = _key_of_map(job.cell, dataset)
     if key not in _MAPS:
         while len(_MAPS) >= _MAPS_KEPT:
@@ -315,8 +329,10 @@ def _map(job: Job, dataset: Dataset) -> tuple[PanoramaMap, ObservationModel]:
         config = job.cell.config
         if config.map.file is not None:
             panorama_map = PanoramaMap.load(config.map.file)
+            cost = MapCost(float("nan"), config.map.file.stat().st_size / 1e6)
         else:
             used = replace(dataset, references=thinned(dataset.references, job.cell.method["references"]))
             panorama_map = cached_map(used, config.observation, config.seed, settings=config.map)
-        _MAPS[key] = panorama_map, panorama_map.observation_model(config.observation)
+            cost = MapCost(*cost_of_map(used, config.observation, config.seed, config.map))
+        _MAPS[key] = panorama_map, panorama_map.observation_model(config.observation), cost
     return _MAPS[key]

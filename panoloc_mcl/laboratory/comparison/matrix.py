@@ -31,6 +31,16 @@ Names = Annotated[list[str], Field(min_length=1)]
 Seeds = Annotated[list[Annotated[int, Field(ge=0, lt=2**63)]], Field(min_length=1)]
 
 
+class Part(StrictModel):
+    """Axes of one part of a matrix; those left out are the matrix's own."""
+
+    datasets: Names | None = Field(None, description="As `datasets` of the matrix.")
+    lights: Literal["all"] | Names | None = Field(None, description="As `lights` of the matrix.")
+    corruptions: Names | None = Field(None, description="As `corruptions` of the matrix.")
+    references: Names | None = Field(None, description="As `references` of the matrix.")
+    every: Annotated[int, Field(ge=1)] | None = Field(None, description="As `every` of the matrix.")
+
+
 class Matrix(StrictModel):
     """Data sets x lights x corruptions x references x observation models x modes x variants x seeds."""
 
@@ -53,8 +63,19 @@ class Matrix(StrictModel):
         [CLEAN], description="Recipes such as `clean`, `bars:0.7+random_pixels:0.25`, `body:strong` or `everything:mild`."
     )
     references: Names = Field([ALL], description="Parts of the references: all, checkerboard, fourth, every-2m.")
+    parts: Annotated[dict[str, Part], Field(min_length=1)] | None = Field(
+        None,
+        description="Parts, under names of your own, with axes instead of those above: so that not every corruption meets every "
+        "light. Every method runs on each.",
+    )
+    single_images: bool = Field(
+        False,
+        description="Every image by itself, nothing known: no odometry and no filter. The table is one of images, not of runs.",
+    )
     observations: Names | Labelled = Field(
-        ["votes"], description="Names of observation models, or names of your own with settings below `observation`."
+        ["votes"],
+        description="Names of observation models, or names of your own with settings below `observation`, and `map` with those of "
+        "its map.",
     )
     modes: Names | Labelled = Field(
         ["monte_carlo"], description="Values of `localizer.mode`, or names of your own with settings below `localizer`."
@@ -66,6 +87,19 @@ class Matrix(StrictModel):
     baseline: str | None = Field(
         None, description="Method that the others are paired with, as the tables name it; null = the first."
     )
+
+    @property
+    def pieces(self) -> list[Matrix]:
+        """The parts, each a matrix without parts; this one where there are none."""
+        if self.parts is None:
+            return [self]
+        given = [part.model_dump(exclude_none=True) for part in self.parts.values()]
+        return [self.model_copy(update={**axes, "parts": None}) for axes in given]
+
+    @property
+    def all_datasets(self) -> list[str]:
+        """Data sets of all parts, each once."""
+        return list(dict.fromkeys(name for piece in self.pieces for name in piece.datasets))
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +117,8 @@ class Cell:
         Resolved; its sequences are those of the light, and it runs once.
     frames : int or None
     every : int
+    alone : bool
+        Single images, without a filter.
     """
 
     condition: Mapping[str, str]
@@ -91,6 +127,7 @@ class Cell:
     config: RunConfig
     frames: int | None = None
     every: int = 1
+    alone: bool = False
 
     @property
     def axes(self) -> dict[str, str | int]:
@@ -110,13 +147,7 @@ def is_matrix(path: Path) -> bool:
 
 
 def load_matrix(path: Path) -> Matrix:
-    """Read a matrix and check all that can be checked without the data sets.
-
-    Raises
-    ------
-    ConfigError
-        With every fault found, one line each.
-    """
+    """Read a matrix and check all that can be checked without the data sets; faults as `matrix_from_mapping` finds them."""
     return matrix_from_mapping(read_yaml(path), str(path))
 
 
@@ -130,20 +161,21 @@ def matrix_from_mapping(data: Mapping[str, Any], source: str = "matrix") -> Matr
     """
     matrix = validate(Matrix, data, source)
     faults: dict[str, None] = {}
-    for check, axis, words in (
-        (parse_recipe, "corruptions", matrix.corruptions),
-        (check_part, "references", matrix.references),
-    ):
-        for word in words:
-            try:
-                check(word)
-            except PanolocError as error:
-                faults.update(dict.fromkeys(f"{source}: {axis}: {fault}" for fault in error.faults))
-    for axis in ("datasets", "corruptions", "references", "observations", "modes", "lights", "seeds"):
-        entries = getattr(matrix, axis)
-        if isinstance(entries, list):
-            doubles = sorted({str(entry) for entry in entries if entries.count(entry) > 1})
-            faults.update(dict.fromkeys(f"{source}: {axis}: '{double}' is given twice; drop one" for double in doubles))
+    for piece in matrix.pieces:
+        for check, axis, words in (
+            (parse_recipe, "corruptions", piece.corruptions),
+            (check_part, "references", piece.references),
+        ):
+            for word in words:
+                try:
+                    check(word)
+                except PanolocError as error:
+                    faults.update(dict.fromkeys(f"{source}: {axis}: {fault}" for fault in error.faults))
+        for axis in ("datasets", "corruptions", "references", "observations", "modes", "lights", "seeds"):
+            entries = getattr(piece, axis)
+            if isinstance(entries, list):
+                doubles = sorted({str(entry) for entry in entries if entries.count(entry) > 1})
+                faults.update(dict.fromkeys(f"{source}: {axis}: '{double}' is given twice; drop one" for double in doubles))
     if faults:
         raise ConfigError(faults)
     # Every combination is resolved once, so that a key that one of them gets wrong is told before anything runs.
@@ -167,6 +199,11 @@ def expand(matrix: Matrix, datasets: Mapping[str, Dataset], source: str = "matri
     ConfigError
         No cells, or a light that no data set has.
     """
+    if matrix.parts is not None:
+        found = [
+            cell for piece in matrix.pieces for cell in expand(piece, {name: datasets[name] for name in piece.datasets}, source)
+        ]
+        return list({tuple(cell.axes.values()): cell for cell in found}.values())
     resolved = _resolved(matrix, source)
     lights = {name: _lights(matrix, dataset) for name, dataset in datasets.items()}
     if matrix.lights != "all":
@@ -187,6 +224,7 @@ def expand(matrix: Matrix, datasets: Mapping[str, Dataset], source: str = "matri
             config.model_copy(update={"dataset": _findable(name, dataset), "sequences": sequences, "seed": seed, "runs": 1}),
             matrix.frames,
             matrix.every,
+            matrix.single_images,
         )
         for name, dataset in datasets.items()
         for light, sequences in lights[name].items()
@@ -241,8 +279,10 @@ def _resolved(matrix: Matrix, source: str) -> list[tuple[dict[str, str], RunConf
         _labelled(matrix.observations), _labelled(matrix.modes), matrix.variants.items()
     ):
         models = ObservationSettings.model_fields
+        mapping, seeing = seeing.get("map", {}), {key: value for key, value in seeing.items() if key != "map"}
         overrides = [
             *_overrides("observation", {"model": observation, **seeing}, f"{source}: observations.{observation}"),
+            *_overrides("map", mapping if isinstance(mapping, Mapping) else {}, f"{source}: observations.{observation}.map"),
             *_overrides("localizer", {"mode": mode, **moving}, f"{source}: modes.{mode}"),
             *(Override(key, value, f"{source}: variants.{variant}") for key, value in varied.items()),
         ]

@@ -45,6 +45,22 @@ class Answers:
         return Answers(self.poses[rows], self.confidence[rows], self.guesses[rows])
 
 
+@dataclass(frozen=True)
+class MapCost:
+    """What a map costs.
+
+    Parameters
+    ----------
+    seconds : float
+        Of the processor, to build it; NaN where it was built before anybody counted.
+    megabytes : float
+        Of its file.
+    """
+
+    seconds: float
+    megabytes: float
+
+
 @dataclass(frozen=True, eq=False)
 class Runs:
     """What a cell gave.
@@ -57,11 +73,14 @@ class Runs:
         Positions of the references; ``best_place`` of the records counts in them.
     answers : tuple of Answers
         One a record; none of runs that were read from a results folder.
+    cost : MapCost, optional
+        Where single images were looked at.
     """
 
     records: tuple[SequenceRecord, ...]
     places: FloatArray
     answers: tuple[Answers, ...] = ()
+    cost: MapCost | None = None
 
 
 @dataclass(frozen=True)
@@ -94,7 +113,7 @@ class Overheard(NullSink):
     def take(self, frame: Frame) -> None:
         """An answer."""
         field = frame.estimate.vote_field
-        pose, confidence = (np.full(3, np.nan), np.nan) if field is None else (_said(field), field.confidence)
+        pose, confidence = (np.full(3, np.nan), np.nan) if field is None else (pose_said(field), field.confidence)
         # An image tells where the camera is; records are of the base.
         pose = frame.unwrapper.camera.mounting.base_poses(pose)
         guess = frame.estimate.best_guess
@@ -105,8 +124,8 @@ class Overheard(NullSink):
         self.answers.append(Answers(*(np.array(part, dtype=np.float64) for part in zip(*self._rows, strict=True))))
 
 
-def _said(field: VoteField) -> FloatArray:
-    """The measured pose, or else the best cell."""
+def pose_said(field: VoteField) -> FloatArray:
+    """The pose that an image gives by itself: the measured one, or else the best cell's; NaN where it says nothing."""
     if not field.informative:
         return np.full(3, np.nan)
     if field.measurement is not None:
@@ -132,6 +151,8 @@ def write_runs(path: Path, key: str, axes: dict[str, Any], runs: Runs) -> None:
             arrays[f"{index}.covariances"] = record.covariances
     for index, answers in enumerate(runs.answers):
         arrays |= {f"{index}.answers.{name}": value for name, value in vars(answers).items()}
+    if runs.cost is not None:
+        arrays["cost"] = np.array([runs.cost.seconds, runs.cost.megabytes])
     names = [record.name for record in runs.records]
     write_arrays(path, {"format": FORMAT, "key": key, "cell": axes, "sequences": names}, arrays)
 
@@ -165,6 +186,7 @@ def read_runs(path: Path, key: str) -> Runs:
             if f"{index}.answers.poses" in arrays:
                 own = {entry: arrays[f"{index}.answers.{entry}"] for entry in ("poses", "confidence", "guesses")}
                 answers.append(Answers(**own))
-        return Runs(tuple(records), np.asarray(arrays["places"], dtype=np.float64), tuple(answers))
+        cost = MapCost(*map(float, arrays["cost"])) if "cost" in arrays else None
+        return Runs(tuple(records), np.asarray(arrays["places"], dtype=np.float64), tuple(answers), cost)
     except (OSError, ValueError, LookupError, ResultsError) as error:
         raise ResultsError(f"{path}: cannot be used ({error}); the cell is run again") from error

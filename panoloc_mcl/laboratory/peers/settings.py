@@ -91,6 +91,68 @@ class NearestReferenceSettings(StrictModel):
     tolerance: Positive = Field(0.05, le=100.0, description=_TOLERANCE)
 
 
+class StructureSettings(StrictModel):
+    """Features, triangulated points and P3P (COLMAP, hloc): what kinds of features share."""
+
+    width: Annotated[int, Field(ge=360, le=8192)] = Field(
+        720, description="Columns that the panorama is enlarged to before features are looked for."
+    )
+    features: Annotated[int, Field(ge=16, le=65536)] = Field(4096, description="Features of an image, the strongest first.")
+    neighbours: Annotated[int, Field(ge=1, le=1000)] = Field(
+        8, description="Nearest references that each one is matched with to triangulate points."
+    )
+    candidates: Annotated[int, Field(ge=1, le=1000)] = Field(
+        10, description="References, those most alike, that an image's points are taken from."
+    )
+    max_error_px: Positive = Field(
+        6.0, le=1000.0, description="Reprojection error of an inlier, pixels of the enlarged panorama."
+    )
+    min_inliers: Annotated[int, Field(ge=4, le=10_000)] = Field(
+        12, description="With fewer points that agree there is no answer."
+    )
+    tolerance: Positive = Field(0.2, le=100.0, description=_TOLERANCE)
+
+
+class ColmapSiftSettings(StructureSettings):
+    """Structure from the references and P3P with COLMAP's SIFT (Schoenberger & Frahm 2016); extra ``peers``."""
+
+    ratio: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
+        0.8, description="A match is at most so far as the second nearest (Lowe)."
+    )
+
+
+class XFeatSettings(StructureSettings):
+    """The same with learned features: XFeat and LighterGlue (Potje et al. 2024); extra ``peers``."""
+
+    features: Annotated[int, Field(ge=16, le=65536)] = Field(1500, description="Features of an image, the strongest first.")
+    candidates: Annotated[int, Field(ge=1, le=1000)] = Field(
+        4, description="References, those most alike, that an image's points are taken from; each costs the matcher's time."
+    )
+    least_cosine: Annotated[float, Field(ge=-1.0, lt=1.0)] = Field(
+        0.82, description="Descriptors at least so alike count where references are ranked."
+    )
+
+
+class TemplateMatchingSettings(StrictModel):
+    """Template matching (OpenCV): normalised correlation of the whole image with every reference at every heading."""
+
+    tolerance: Positive = Field(0.2, le=100.0, description=_TOLERANCE)
+
+
+class BagOfWordsSettings(StrictModel):
+    """Bag of visual words (Sivic & Zisserman 2003): SIFT, a k-means vocabulary, tf-idf; heading by where the words stand."""
+
+    width: Annotated[int, Field(ge=360, le=8192)] = Field(720, description="As in `colmap_sift`.")
+    features: Annotated[int, Field(ge=16, le=65536)] = Field(2048, description="Features of an image, the strongest first.")
+    words: Annotated[int, Field(ge=2, le=100_000)] = Field(
+        1000, description="Words of the vocabulary, learnt from the references."
+    )
+    heading_width_deg: Positive = Field(
+        2.0, le=180.0, description="Standard deviation of the turn that a pair of equal words tells, degrees."
+    )
+    tolerance: Positive = Field(0.2, le=100.0, description=_TOLERANCE)
+
+
 class PaperSettings(StrictModel):
     """The voting of Steinbauer & Bischof (2004), sections 2 and 3.2, as printed."""
 

@@ -187,6 +187,12 @@ MODELS: dict[str, Entry] = {
     "nearest_reference": Entry(
         f"{_PEERS}.correlation.nearest_reference:NearestReferenceModel", f"{_PEERS}.settings:NearestReferenceSettings"
     ),
+    "template_matching": Entry(
+        f"{_PEERS}.correlation.template_matching:TemplateMatchingModel", f"{_PEERS}.settings:TemplateMatchingSettings"
+    ),
+    "bag_of_words": Entry(f"{_PEERS}.local_features.bag_of_words:BagOfWordsModel", f"{_PEERS}.settings:BagOfWordsSettings"),
+    "colmap_sift": Entry(f"{_PEERS}.local_features.structure:ColmapSiftModel", f"{_PEERS}.settings:ColmapSiftSettings"),
+    "xfeat": Entry(f"{_PEERS}.local_features.structure:XFeatModel", f"{_PEERS}.settings:XFeatSettings"),
 }
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+import time
 import warnings
 from dataclasses import replace
+from pathlib import Path
 
 from panoloc_mcl.robot.camera import to_mapping
 from panoloc_mcl.robot.errors import MapError, OutputError
-from panoloc_mcl.robot.files import cache_folder, known_errors
+from panoloc_mcl.robot.files import cache_folder, known_errors, write_atomically
 from panoloc_mcl.robot.images import image_bytes
 from panoloc_mcl.robot.map.panorama_map import FORMAT, PanoramaMap
 from panoloc_mcl.robot.observation import build_settings, model_named
@@ -22,6 +24,7 @@ from panoloc_mcl.tools.datasets import Dataset
 from panoloc_mcl.tools.runs.source import OF_MAPS, source_digest
 
 _PEERS = "laboratory/peers/"
+_SECONDS = ".seconds"
 
 
 def cached_map(
@@ -40,9 +43,7 @@ def cached_map(
     MapError, DatasetError, ImageError
         As `PanoramaMap.build`.
     """
-    # The name only helps people; it is free text and must not lead out of the folder.
-    readable = re.sub(r"[^A-Za-z0-9_-]+", "_", dataset.name)[:40]
-    path = cache_folder() / "maps" / f"{readable}-{_key(dataset, observation, seed, settings or MapSettings())}.panomap"
+    path = _path(dataset, observation, seed, settings)
     try:
         with known_errors(MapError, path):
             kept = path.is_file()
@@ -50,13 +51,33 @@ def cached_map(
             return PanoramaMap.load(path)
     except MapError as error:
         warnings.warn(f"cached map left aside: {error}", RuntimeWarning, stacklevel=2)
+    begun = time.process_time()
     built = PanoramaMap.build(dataset, observation, seed, progress, settings)
+    spent = time.process_time() - begun
     built = replace(built, notes=(*reference_findings(dataset.references), *built.notes))
     try:
         built.save(path)
+        write_atomically(path.with_suffix(_SECONDS), f"{spent:.3f}\n")
     except OutputError as error:
         warnings.warn(f"map not kept for the next run: {error}", RuntimeWarning, stacklevel=2)
     return built
+
+
+def cost_of_map(
+    dataset: Dataset, observation: ObservationSettings, seed: int, settings: MapSettings | None = None
+) -> tuple[float, float]:
+    """Seconds of the processor that the map in the cache took to build, and the megabytes of its file; NaN where it is not known."""
+    path = _path(dataset, observation, seed, settings)
+    try:
+        return float(path.with_suffix(_SECONDS).read_text()), path.stat().st_size / 1e6
+    except (OSError, ValueError):
+        return float("nan"), path.stat().st_size / 1e6 if path.is_file() else float("nan")
+
+
+def _path(dataset: Dataset, observation: ObservationSettings, seed: int, settings: MapSettings | None) -> Path:
+    # The name only helps people; it is free text and must not lead out of the folder.
+    readable = re.sub(r"[^A-Za-z0-9_-]+", "_", dataset.name)[:40]
+    return cache_folder() / "maps" / f"{readable}-{_key(dataset, observation, seed, settings or MapSettings())}.panomap"
 
 
 def _key(dataset: Dataset, observation: ObservationSettings, seed: int, settings: MapSettings) -> str:

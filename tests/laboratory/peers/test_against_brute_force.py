@@ -5,6 +5,7 @@ from oracles.scenes import COLUMNS, panorama, random_world, texture, turned
 
 from panoloc_mcl.laboratory.peers.correlation.nearest_reference import NearestReferenceModel
 from panoloc_mcl.laboratory.peers.correlation.orientation_correlation import OrientationCorrelationModel
+from panoloc_mcl.laboratory.peers.correlation.template_matching import TemplateMatchingModel
 from panoloc_mcl.laboratory.peers.eigenspace import EigenspaceModel
 from panoloc_mcl.laboratory.peers.fourier_signature import FourierSignatureModel
 from panoloc_mcl.laboratory.peers.least_squares import LeastSquaresModel
@@ -15,6 +16,7 @@ from panoloc_mcl.laboratory.peers.settings import (
     NearestReferenceSettings,
     OrientationCorrelationSettings,
     SpinningSettings,
+    TemplateMatchingSettings,
     ZeroPhaseSettings,
 )
 from panoloc_mcl.laboratory.peers.spinning import SpinningModel
@@ -97,3 +99,9 @@ def test_fourier_signature_without_heading_is_the_similarity_alone() -> None:
     model = FourierSignatureModel.build(WORLD, FourierSignatureSettings(heading="none"))
     similarity, _ = brute.fourier_signature(WORLD.pixels, IMAGES[1].astype(float), 15)
     assert model.observe(panorama(IMAGES[1])).votes == pytest.approx(similarity[None, :], abs=1e-5)
+
+
+@pytest.mark.parametrize("image", IMAGES)
+def test_template_matching(image) -> None:
+    votes = TemplateMatchingModel.build(WORLD, TemplateMatchingSettings()).observe(panorama(image)).votes
+    assert votes == pytest.approx(brute.template_matching(WORLD.pixels, image.astype(float)), abs=1e-4)

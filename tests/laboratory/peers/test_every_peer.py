@@ -22,6 +22,7 @@ CHOSEN = {
     "zero_phase": SMALL,
     "orientation_correlation": {},
     "nearest_reference": {},
+    "template_matching": {},
 }
 PEERS = tuple(CHOSEN)
 STEP = 2.0 * np.pi / COLUMNS

@@ -28,6 +28,7 @@ PEERS = {
     "zero_phase": {"components": 5},
     "orientation_correlation": {},
     "nearest_reference": {},
+    "template_matching": {},
 }
 VARIANTS = [*PEERS.items(), ("fourier_signature", {"heading": "none"})]
 
