@@ -87,7 +87,7 @@ def study(
         for number, name in enumerate(["original", *names]):
             progress(number, len(names) + 1, name)
             if name == "original":
-                table.add(name, *_row(original, original, _bytes(data.path / "sequences")))
+                table.add(name, *_row(original, original, sum(_bytes(drive.path) for drive in drives)))
                 continue
             written = _written(data, [drive.name for drive in drives], name, folder / name)
             table.add(name, *_row(_run(config, str(written), folder / "results"), original, _bytes(written / "sequences")))
