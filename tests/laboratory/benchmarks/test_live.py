@@ -10,6 +10,7 @@ def test_latency_memory_poses_and_a_long_recording(ask, small_room) -> None:
     assert 10 <= played["came"] <= 17
     assert played["answered"] + played["dropped"] == played["came"]
     assert played["latency_ms"] >= played["step_ms"] > 0.0
+    assert played["processor_ms"] > 0.0
     for one in read.values():
         assert one["size_mb"] > 4.0
         assert one["images"] > 100
