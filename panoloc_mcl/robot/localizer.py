@@ -17,6 +17,7 @@ from panoloc_mcl.robot.errors import ImageError
 from panoloc_mcl.robot.filters import Estimate, Status
 from panoloc_mcl.robot.filters.estimate import Cluster
 from panoloc_mcl.robot.interface.messages import Image, Message, Odometry
+from panoloc_mcl.robot.interface.mounting_tilt import MountingTilt
 from panoloc_mcl.robot.interface.saved_state import SavedState
 from panoloc_mcl.robot.interface.starting import make_filter, start_of
 from panoloc_mcl.robot.locks import Lock, locked
@@ -92,6 +93,7 @@ class Localizer(SavedState):
         self._clock = ImageClock(self.settings.motion, self._odometry)
         self._sightings = self._new_sightings(start)
         self._pace: Pace | None = None
+        self._mounting_tilt = MountingTilt()
         self._reported: dict[str, int] = {}
         # The next image counts whatever the motion gate says.
         self._forced = False
@@ -181,6 +183,7 @@ class Localizer(SavedState):
                 votes, found = self._observe(image, headings, motion.distance)
             with _timed(stage_ms, "update"):
                 self._filter.update(votes, offset)
+            self._learn_tilt(votes, motion)
             self._clock.fuse(timestamp)
             self._forced = False
             hurry = self._hurry(timestamp, votes, motion if offset is None else None)

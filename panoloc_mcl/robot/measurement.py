@@ -70,6 +70,8 @@ class PoseMeasurement:
         Between the image and the view synthesised at the pose.
     of_map : float64 (3, 3), optional
         The part of the covariance that is the map's: all images nearby err by the same. None by default.
+    of_frame : float64 (3, 3), optional
+        The part that all images in the map share, as a mended map may float as a whole. None by default.
     """
 
     pose: NDArray[np.float64]
@@ -77,6 +79,7 @@ class PoseMeasurement:
     tilt: NDArray[np.float64]
     agreement: Agreement
     of_map: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3, 3)))
+    of_frame: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3, 3)))
 
     def relative_likelihood(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """Gaussian likelihood of poses (n, 3) relative to that of the measured pose: 1 there, float64 (n,)."""

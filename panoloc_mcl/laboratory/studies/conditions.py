@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from panoloc_mcl.laboratory.studies.kidnaps import kidnapped
 from panoloc_mcl.robot.errors import ConfigError, did_you_mean
 from panoloc_mcl.robot.geometry import between, compose
 from panoloc_mcl.robot.images import ImageSource
 from panoloc_mcl.tools.datasets import Sequence as Drive
 from panoloc_mcl.tools.datasets import Trajectory
-from panoloc_mcl.tools.datasets.splice import splice
 from panoloc_mcl.tools.runs.pipeline import Task
 
-KIDNAP_EVERY = 20
+KIDNAP_EVERY = 12
 LATE_S = 0.5
 # Of the recorded odometry of the simulator, and how much larger the condition makes it.
 WAY_NOISE, TURN_NOISE, DRIFT_DEG_M, TIMES = 0.10, 0.08, 1.0, 3.0
@@ -34,7 +34,7 @@ class Condition:
     says : str
         For the help and the report.
     kidnapped : bool
-        Sequences of a group are spliced, with teleports.
+        Carried away again and again: see `kidnaps`.
     foreign_every : int
         Every so many images are of another data set; 0 = none.
     dropped : float
@@ -69,7 +69,9 @@ def _started(mode: str, error_deg: float) -> Condition:
 CONDITIONS = {
     "plain": Condition("position and heading unknown"),
     "kidnap": Condition(
-        f"sequences of a group cut and spliced, a teleport every {KIDNAP_EVERY} images, odometry silent there", kidnapped=True
+        f"every {KIDNAP_EVERY} images carried to where a uniformly drawn image was taken, turned by a uniformly drawn angle, "
+        "odometry silent there",
+        kidnapped=True,
     ),
     "foreign": Condition("every third image is one of another data set", foreign_every=3),
     "drop": Condition("30 % of the images, at random, never come", dropped=0.3),
@@ -110,12 +112,12 @@ def chosen(names: Sequence[str], foreign: bool) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
 
 
-def trips(drives: list[Drive], condition: Condition, seed: int) -> list[Task]:
-    """The drives of one group as they are run: as recorded, or spliced with teleports."""
+def trips(drives: list[Drive], condition: Condition, seed: int, columns: int) -> list[tuple[Task, NDArray[np.int64] | None]]:
+    """The drives of one group as they are run: as recorded, or carried away; then also the columns that each panorama is turned by."""
     if not condition.kidnapped:
-        return [Task(drive, np.zeros(len(drive), dtype=np.bool_)) for drive in drives]
-    rng = np.random.default_rng((seed, zlib.crc32(b"kidnap")))
-    return [Task(drive, kidnapped) for drive, kidnapped in splice(drives, KIDNAP_EVERY, rng)]
+        return [(Task(drive, np.zeros(len(drive), dtype=np.bool_)), None) for drive in drives]
+    carried = kidnapped(drives, KIDNAP_EVERY, columns, np.random.default_rng((seed, zlib.crc32(b"kidnap"))))
+    return [(Task(carried.drive, carried.carried), carried.turns)]
 
 
 def disturbed(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 import zlib
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, cast
@@ -15,11 +15,11 @@ from threadpoolctl import threadpool_limits
 
 from panoloc_mcl.laboratory.corruptions import Recipe, parse_recipe
 from panoloc_mcl.laboratory.corruptions.dataset import corrupt
-from panoloc_mcl.laboratory.reports import Number, Report
+from panoloc_mcl.laboratory.reports import Report
+from panoloc_mcl.laboratory.studies.claims import Claims, kept
 from panoloc_mcl.robot.camera import Panorama
 from panoloc_mcl.robot.errors import ConfigError
-from panoloc_mcl.robot.filters import Estimate, Status
-from panoloc_mcl.robot.geometry import FloatArray, angle_difference
+from panoloc_mcl.robot.geometry import FloatArray
 from panoloc_mcl.robot.localizer import Localizer
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.observation import ObservationModel, VoteField
@@ -28,10 +28,11 @@ from panoloc_mcl.tools.config import RunConfig
 from panoloc_mcl.tools.datasets import Dataset, read_dataset, resolve_dataset
 from panoloc_mcl.tools.datasets import Sequence as Drive
 from panoloc_mcl.tools.datasets.trajectory import Trajectory
-from panoloc_mcl.tools.evaluation import consistency
 from panoloc_mcl.tools.evaluation.record import group_of
 from panoloc_mcl.tools.runs.map_cache import cached_map
 from panoloc_mcl.tools.streams import answers, recorded
+
+_TheMap = Callable[[], tuple[PanoramaMap, ObservationModel]]
 
 # Of images of a robot that stands: a good camera's noise, grey levels, and the time between them, seconds.
 _NOISE, _PERIOD_S = 2.0, 0.5
@@ -101,36 +102,15 @@ _HEADS = (
 )
 
 
-@dataclass
-class Claims:
-    """Errors and claimed covariances of a row: of single images, and of the filter where it is sure."""
-
-    drives: set[str] = field(default_factory=set)
-    images: int = 0
-    alone: list[tuple[FloatArray, FloatArray]] = field(default_factory=list)
-    filtered: list[tuple[FloatArray, FloatArray]] = field(default_factory=list)
-
-    def take(self, drive: str, estimate: Estimate, truth: FloatArray) -> None:
-        """One answer."""
-        self.drives.add(drive)
-        self.images += 1
-        votes = estimate.vote_field
-        if votes is not None and votes.informative and votes.measurement is not None:
-            self.alone.append((_off(votes.measurement.pose, truth), votes.measurement.covariance))
-        if estimate.status is Status.CONVERGED:
-            self.filtered.append((_off(estimate.pose, truth), estimate.covariance))
-
-    def cells(self) -> list[Any]:
-        """Of its row."""
-        return [len(self.drives), self.images, *_held(self.alone), *_held(self.filtered)]
-
-
 def study(
     config: RunConfig,
     every: int = 1,
     rows: Sequence[str] = ("*",),
     progress: Progress = no_progress,
     keep: Callable[[Report], None] = lambda report: None,
+    also: Sequence[str] = (),
+    most_drives: int | None = None,
+    cells: Path | None = None,
 ) -> Report:
     """Hold errors against claims, condition by condition.
 
@@ -145,6 +125,12 @@ def study(
     progress : callable (done, total, what)
     keep : callable
         Called with the report after each condition.
+    also : sequence of str
+        Other data sets that are taken as they are.
+    most_drives : int, optional
+        So many drives at most, evenly over all, where a condition has no row for every light.
+    cells : Path, optional
+        Folder where each drive of each condition is kept: what is there is not run again.
 
     Raises
     ------
@@ -154,30 +140,64 @@ def study(
     chosen = [condition for condition in CONDITIONS if any(fnmatchcase(condition.name, row) for row in rows)]
     if not chosen:
         raise ConfigError(f"--rows {' '.join(rows)}: no such condition; known: {', '.join(one.name for one in CONDITIONS)}")
-    dataset = read_dataset(resolve_dataset(config.dataset))
-    drives = [drive for drive in dataset.select(config.sequences) if drive.groundtruth is not None]
-    if not drives:
-        raise ConfigError(f"{dataset.path}: has no sequence with ground truth among those selected; use another data set")
-    drives = [replace(drive, times=drive.times[::every], files=drive.files[::every]) for drive in drives]
+    sets = [_selected(config.dataset, config.sequences, every), *(_selected(name, "all", every) for name in also)]
+    names = " and ".join(f"`{dataset.name}`" for dataset, _ in sets)
     report = Report(
-        f"Claims of `{dataset.name}`, seed {config.seed}, every {every}. image: error against claimed covariance, of single images "
+        f"Claims of {names}, seed {config.seed}, every {every}. image: error against claimed covariance, of single images "
         "(nothing known) and of the filter where it is sure. NEES: median over that of the chi-squared distribution, 1 is right, more "
         "is too sure; within 2 sd: right are 86.5 % for the position and 95.4 % for the heading. Images of a drive err alike, so the "
         "drives are what counts."
     )
     table = report.table("", _HEADS)
-    maps: dict[tuple[str, bool], tuple[PanoramaMap, ObservationModel]] = {}
+    work = [(condition, *sets[0]) for condition in chosen]
+    work += [(condition, *others) for others in sets[1:] for condition in chosen if condition.by_light]
+    maps: dict[tuple[str, str, bool], tuple[PanoramaMap, ObservationModel]] = {}
     with threadpool_limits(1):
-        for done, condition in enumerate(chosen):
-            key = condition.references, condition.mended
-            if key not in maps:
-                # One at a time: maps are large.
-                maps = {key: _map(config, dataset, condition, progress)}
-            for name, claims in _claims(condition, config, drives, *maps[key]):
+        for done, (condition, dataset, drives) in enumerate(work):
+            key = dataset.name, condition.references, condition.mended
+
+            def the_map(
+                key: tuple[str, str, bool] = key, dataset: Dataset = dataset, condition: Condition = condition
+            ) -> tuple[PanoramaMap, ObservationModel]:
+                if key not in maps:
+                    # One at a time: maps are large.
+                    maps.clear()
+                    maps[key] = _map(config, dataset, condition, progress)
+                return maps[key]
+
+            of_rows: dict[str, Claims] = {}
+            for drive in drives if condition.by_light else _spread(drives, most_drives):
+                description = (condition, dataset.path, drive.name, every, config.model_dump_json(exclude={"output"}))
+
+                def claimed(drive: Drive = drive, condition: Condition = condition, the_map: _TheMap = the_map) -> Claims:
+                    return _claims(condition, config, drive, *the_map())
+
+                of_rows.setdefault(_row(condition, dataset, drive), Claims()).add(kept(cells, description, claimed))
+            for name, claims in of_rows.items():
                 table.add(name, *claims.cells())
             keep(report)
-            progress(done + 1, len(chosen), "conditions")
+            progress(done + 1, len(work), "conditions")
     return report
+
+
+def _selected(name: str, sequences: str | Sequence[str], every: int) -> tuple[Dataset, list[Drive]]:
+    """A data set, and its drives that have ground truth."""
+    dataset = read_dataset(resolve_dataset(name))
+    drives = [drive for drive in dataset.select(sequences) if drive.groundtruth is not None]
+    if not drives:
+        raise ConfigError(f"{dataset.path}: has no sequence with ground truth among those selected; use another data set")
+    return dataset, [replace(drive, times=drive.times[::every], files=drive.files[::every]) for drive in drives]
+
+
+def _spread(drives: Sequence[Drive], most: int | None) -> list[Drive]:
+    """So many at most, evenly over all: of drives that are named by their light, of every light."""
+    if most is None or most >= len(drives):
+        return list(drives)
+    return [drives[round(index)] for index in np.linspace(0, len(drives) - 1, most)]
+
+
+def _row(condition: Condition, dataset: Dataset, drive: Drive) -> str:
+    return f"{dataset.name}, {condition.name}, {group_of(drive.name)}" if condition.by_light else condition.name
 
 
 def _map(config: RunConfig, dataset: Dataset, condition: Condition, progress: Progress) -> tuple[PanoramaMap, ObservationModel]:
@@ -197,29 +217,26 @@ def _map(config: RunConfig, dataset: Dataset, condition: Condition, progress: Pr
 
 
 def _claims(
-    condition: Condition, config: RunConfig, drives: Sequence[Drive], panorama_map: PanoramaMap, model: ObservationModel
-) -> Iterator[tuple[str, Claims]]:
-    """The rows of a condition."""
-    groups: dict[str, Claims] = {}
+    condition: Condition, config: RunConfig, drive: Drive, panorama_map: PanoramaMap, model: ObservationModel
+) -> Claims:
+    """Of one drive."""
+    claims = Claims()
     recipe = f"{condition.images}+noise:{_NOISE:g}" if condition.standing else condition.images
     parsed = parse_recipe(recipe.removeprefix("clean+"))
-    for drive in drives:
-        name = f"{condition.name}, {group_of(drive.name)}" if condition.by_light else condition.name
-        claims = groups.setdefault(name, Claims())
-        seed = (config.seed, zlib.crc32(drive.name.encode()))
-        for number, way in enumerate(_standing(drive, condition.standing) if condition.standing else [drive]):
-            localizer = Localizer(
-                panorama_map,
-                config,
-                camera=drive.camera,
-                image_size=drive.image_size,
-                seed=(*seed, number),
-                model=cast(ObservationModel, _Through(model, parsed, (*seed, number), panorama_map)),
-            )
-            assert way.groundtruth is not None
-            for _, estimate in answers(localizer, recorded(way)):
-                claims.take(drive.name, estimate, way.groundtruth.at(estimate.timestamp))
-    yield from groups.items()
+    seed = (config.seed, zlib.crc32(drive.name.encode()))
+    for number, way in enumerate(_standing(drive, condition.standing) if condition.standing else [drive]):
+        localizer = Localizer(
+            panorama_map,
+            config,
+            camera=drive.camera,
+            image_size=drive.image_size,
+            seed=(*seed, number),
+            model=cast(ObservationModel, _Through(model, parsed, (*seed, number), panorama_map)),
+        )
+        assert way.groundtruth is not None
+        for _, estimate in answers(localizer, recorded(way)):
+            claims.take(drive.name, estimate, way.groundtruth.at(estimate.timestamp))
+    return claims
 
 
 class _Through:
@@ -250,20 +267,3 @@ def _standing(drive: Drive, images: int) -> Iterator[Drive]:
         pose = drive.groundtruth.at(drive.times[index])
         standing = Trajectory(times, np.tile(pose, (images, 1)))
         yield replace(drive, times=times, files=(drive.files[index],) * images, odometry=standing, groundtruth=standing)
-
-
-def _off(pose: FloatArray, truth: FloatArray) -> FloatArray:
-    off = pose - truth
-    off[2] = angle_difference(pose[2], truth[2])
-    return off
-
-
-def _held(claims: list[tuple[FloatArray, FloatArray]]) -> list[Number]:
-    errors = np.array([error for error, _ in claims]).reshape(-1, 3)
-    held = consistency(errors, np.array([covariance for _, covariance in claims]).reshape(-1, 3, 3))
-    median = float(np.median(np.hypot(errors[:, 0], errors[:, 1]))) * 1000.0 if len(errors) else None
-    cells = [Number(median, 1)]
-    for axis in ("position", "heading"):
-        inside = held[axis]["inside_2sd"]
-        cells += [Number(held[axis]["nees_median"], 2), Number(None if inside is None else 100.0 * inside, 0)]
-    return cells

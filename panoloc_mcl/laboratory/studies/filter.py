@@ -22,6 +22,7 @@ from threadpoolctl import threadpool_limits
 from panoloc_mcl.laboratory.reports import Report
 from panoloc_mcl.laboratory.studies.conditions import CONDITIONS, Condition, disturbed, trips
 from panoloc_mcl.laboratory.studies.filter_tables import Trip, tables
+from panoloc_mcl.laboratory.studies.kidnaps import Turned
 from panoloc_mcl.robot.camera import Panorama
 from panoloc_mcl.robot.errors import DatasetError
 from panoloc_mcl.robot.filters import Estimate
@@ -169,9 +170,9 @@ def trips_of(job: Job) -> dict[str, list[Trip]]:
             drives = [drive.of(range(len(drive))[: job.frames]) for drive in selected if group_of(drive.name) == job.group]
             owner = {file: drive.name for drive in drives for file in drive.files}
             out[name] = [
-                run(task, condition, config, seed, *models[key], owner, foreign)
+                run(task, condition, config, seed, *models[key], owner, foreign, turns)
                 for seed in range(job.seeds)
-                for task in trips(drives, condition, seed)
+                for task, turns in trips(drives, condition, seed, models[key][0].geometry.width)
             ]
     return out
 
@@ -196,8 +197,12 @@ def run(
     model: Remembering,
     owner: Mapping[ImageSource, str],
     foreign: Sequence[ImageSource],
+    turns: NDArray[np.int64] | None,
 ) -> Trip:
-    """One run over one drive; the seed is that of ``panoloc run`` with as many repeats. ``owner`` says of which drive each image is."""
+    """One run over one drive; the seed is that of ``panoloc run`` with as many repeats. ``owner`` says of which drive each image is.
+
+    Turned images are none that was looked at before.
+    """
     assert task.drive.groundtruth is not None
     truth = task.drive.groundtruth.at(task.drive.times)
     drive, arrival, kept = disturbed(task.drive, condition, seed, foreign)
@@ -209,7 +214,7 @@ def run(
         image_size=drive.image_size,
         start_pose=(x, y, heading),
         seed=(config.seed + seed, zlib.crc32(drive.name.encode())),
-        model=cast(ObservationModel, model),
+        model=cast(ObservationModel, model if turns is None else Turned(model.model, turns)),
     )
     # By the time of the pose: after a late image the answer is that to the newest one, bettered.
     answered: Mapping[float, Estimate] = {

@@ -23,9 +23,10 @@ from panoloc_mcl.robot.measurement import PoseMeasurement
 
 Float64 = NDArray[np.float64]
 
-# Ways over which errors are alike, in spacings of the references: of the map's (all images among the same sources), and of the view's.
-# Set on the variogram of the errors of single images in the rendered hall, from maps with and without disturbed poses.
-_WAY_OF_MAP, _WAY_OF_VIEW = 0.75, 0.2
+# Ways over which errors are alike, in spacings of the references: of the map's (all images among the same sources), and of the view's,
+# in position and in heading. Set on the correlation of the errors of single images in one drive a light of the rendered hall, from maps
+# with and without disturbed poses.
+_WAY_OF_MAP, _WAY_OF_VIEW = 0.75, np.array([0.25, 0.25, 0.6])
 # Share of an image's variance that is its own: 1 - (1.62 / 1.63)^2, and a little more.
 _FRESH = 0.02
 # Squared Mahalanobis distance up to which an image is where the images before led to expect it, in three dimensions: well beyond the
@@ -89,7 +90,7 @@ class ImageBias:
         """After an image that nothing was known before: what the pose is off, the bias is, the other way."""
         return cls(pose, np.zeros(3), covariance, -covariance)
 
-    def seen(self, cluster: Cluster, pose: Float64, covariance: Float64, kept: float) -> Seen:
+    def seen(self, cluster: Cluster, pose: Float64, covariance: Float64, kept: Float64) -> Seen:
         """What a measured pose tells that the images before have not.
 
         Parameters
@@ -98,8 +99,8 @@ class ImageBias:
             The predicted hypothesis.
         pose, covariance : float64 (3,) and (3, 3)
             The measured pose.
-        kept : float
-            Correlation of its error with that of the image before.
+        kept : float64 (3,)
+            Correlation of its error with that of the image before, of each coordinate.
         """
         before = cluster.covariance + _FLOOR
         mean, bias, with_pose = self._carried(cluster, before, covariance, kept)
@@ -141,13 +142,16 @@ class ImageBias:
         wide = float(np.trace(cluster.covariance[:2, :2])) > _WIDE * float(np.trace(covariance[:2, :2]))
         return Seen(self.pose, _TRIMMING * covariance, self, expected=True, new=wide)
 
-    def _carried(self, cluster: Cluster, before: Float64, covariance: Float64, kept: float) -> tuple[Float64, Float64, Float64]:
+    def _carried(
+        self, cluster: Cluster, before: Float64, covariance: Float64, kept: Float64
+    ) -> tuple[Float64, Float64, Float64]:
         """Mean, covariance, and covariance with the pose, after the way to a predicted pose."""
         dx, dy = cluster.pose[:2] - self.pose[:2]
         # An error of the heading swings the whole way round.
         swing = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
-        bias = kept**2 * self.covariance + (1.0 - kept**2) * covariance
-        with_pose = kept * swing @ self.with_pose
+        both = np.outer(kept, kept)
+        bias = both * self.covariance + (1.0 - both) * covariance
+        with_pose = swing @ self.with_pose * kept
         # No more correlated than the predicted covariance allows.
         explained = with_pose.T @ np.linalg.solve(before, with_pose)
         excess = float(np.linalg.eigvals(np.linalg.solve(bias, explained)).real.max())
@@ -174,8 +178,8 @@ class ImageBias:
         return cls(values[:3].copy(), values[3:6].copy(), covariance, values[15:].reshape(3, 3).copy())
 
 
-def kept_share(measurement: PoseMeasurement, way: float, spacing: float) -> float:
-    """Correlation of the errors of two images.
+def kept_share(measurement: PoseMeasurement, way: float, spacing: float) -> Float64:
+    """Correlation of the errors of two images, of x, y and heading: float64 (3,).
 
     Parameters
     ----------
@@ -186,14 +190,18 @@ def kept_share(measurement: PoseMeasurement, way: float, spacing: float) -> floa
     spacing : float
         Of the references, metres.
     """
-    whole = float(np.trace(measurement.covariance[:2, :2]))
-    of_map = min(float(np.trace(measurement.of_map[:2, :2])) / whole, 1.0)
-    return of_map * math.exp(-way / (_WAY_OF_MAP * spacing)) + (1.0 - of_map) * math.exp(-way / (_WAY_OF_VIEW * spacing))
+    whole, of_map, of_frame = (np.diag(part) for part in (measurement.covariance, measurement.of_map, measurement.of_frame))
+    frame = np.minimum(of_frame / whole, 1.0)
+    of_place = np.minimum(of_map / whole, 1.0 - frame)
+    of_view = 1.0 - frame - of_place
+    return np.asarray(
+        frame + of_place * math.exp(-way / (_WAY_OF_MAP * spacing)) + of_view * np.exp(-way / (_WAY_OF_VIEW * spacing))
+    )
 
 
 def new_share(way: float, spacing: float) -> float:
     """What votes say that is new, after a way in metres: information of a sample that is so correlated with the one before."""
-    return math.tanh(0.5 * way / (_WAY_OF_VIEW * spacing))
+    return math.tanh(0.5 * way / (float(_WAY_OF_VIEW[0]) * spacing))
 
 
 def _off(pose: Float64, other: Float64) -> Float64:

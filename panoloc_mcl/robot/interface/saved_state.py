@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from panoloc_mcl.robot.errors import StateError
 from panoloc_mcl.robot.files import read_arrays, write_arrays
 from panoloc_mcl.robot.filters import Status
+from panoloc_mcl.robot.interface.mounting_tilt import MountingTilt
 from panoloc_mcl.robot.interface.steering import Steering
 from panoloc_mcl.robot.locks import locked
 from panoloc_mcl.robot.motion import Anchor, ImageClock, OdometryBuffer
@@ -52,7 +53,7 @@ class SavedState(Steering):
             "sightings": self._sightings.snapshot(),
             **{name: getattr(self, name) for name in _REMEMBERED},
         }
-        parts = {"filter": filter_arrays, "odometry": odometry_arrays}
+        parts = {"filter": filter_arrays, "odometry": odometry_arrays, "mount": {"tilt": self._mounting_tilt.array()}}
         if self._anchor is not None:
             anchor, status = self._anchor
             parts["anchor"] = {"pose": anchor.pose, "covariance": anchor.covariance}
@@ -108,10 +109,12 @@ class SavedState(Steering):
             if pose.shape != (3,) or covariance.shape != (3, 3):
                 raise ValueError(f"last pose of shape {pose.shape}, covariance of shape {covariance.shape}")
             anchor = Anchor(float(header["anchor"]["timestamp"]), pose, covariance), Status(header["anchor"]["status"])
+        mounting_tilt = MountingTilt.of_array(np.asarray(parts["mount"]["tilt"], dtype=np.float64))
         # The last that can fail; it changes nothing if it does.
         self._filter.restore(parts["filter"], header["filter"])
         vars(self).update(values)
         self._odometry, self._clock, self._sightings, self._anchor = odometry, clock, sightings, anchor
+        self._mounting_tilt = mounting_tilt
 
 
 def _write(

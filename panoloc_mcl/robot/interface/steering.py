@@ -14,11 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 from panoloc_mcl.robot.filters import Cluster, Start, Status
 from panoloc_mcl.robot.geometry import compose, inverse
 from panoloc_mcl.robot.interface.answers import Location, TimedPose, located
+from panoloc_mcl.robot.interface.mounting_tilt import MountingTilt
 from panoloc_mcl.robot.interface.parts import Parts
 from panoloc_mcl.robot.interface.starting import make_filter, start_around
 from panoloc_mcl.robot.locks import locked
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
-from panoloc_mcl.robot.motion import Anchor, carried_to, seconds
+from panoloc_mcl.robot.motion import Anchor, Motion, carried_to, seconds
+from panoloc_mcl.robot.observation import VoteField
 from panoloc_mcl.robot.single_blas import one_blas_thread
 
 Float64 = NDArray[np.float64]
@@ -140,6 +142,8 @@ class Steering(Parts):
         known = self._anchor if keep_pose else None
         self._map, self._unwrap, self._observation, self._revision = panorama_map, unwrap, observation, ""
         self._mount, self._stamp_offset_s = unwrap.camera.mounting, unwrap.camera.stamp_offset_s
+        # Its references may lean otherwise.
+        self._mounting_tilt = MountingTilt()
         self._begin_anew(Start() if known is None else Start.around(known[0].pose, known[0].covariance), self._clock.now)
         if known is not None:
             self._anchor, self._has_fix = known, known[1] is Status.CONVERGED
@@ -161,6 +165,18 @@ class Steering(Parts):
     def has_fix(self) -> bool:
         """Whether the pose has been known since the start, the last `relocalize` or `load_map`; it may be lost since."""
         return self._has_fix
+
+    @property
+    def mounting_tilt(self) -> MountingTilt:
+        """How the camera leans on its mount against the references, as far as images told that it stays."""
+        return self._mounting_tilt
+
+    def _learn_tilt(self, votes: VoteField, motion: Motion) -> None:
+        """From an image that is sure of itself."""
+        self._mounting_tilt = self._mounting_tilt.moved(motion.distance)
+        measured = votes.measurement
+        if votes.informative and measured is not None and votes.confidence >= self.settings.status.converged_confidence:
+            self._mounting_tilt = self._mounting_tilt.seen(measured.tilt)
 
     @property
     def map_revision(self) -> str:

@@ -202,3 +202,40 @@ def normal_equations(products: Float64, chosen: Bool, row_step: float) -> tuple[
         for j in range(i):
             normal[j, i] = normal[i, j]
     return normal, right, max(residual, 0.0), count
+
+
+@kernel
+def sector_pulls(products: Float64, chosen: Bool, row_step: float, sectors: int) -> Float64:
+    """The right-hand side of `normal_equations`, sector by sector of the circle: what each pulls the pose towards.
+
+    Parameters
+    ----------
+    products : float64 (24, columns)
+        Of view and image (see `column_products`).
+    chosen : bool (columns,)
+        Columns that count.
+    row_step : float
+        Elevation of a row, radians.
+    sectors : int
+        So many over the circle.
+
+    Returns
+    -------
+    float64 (sectors, 5)
+    """
+    columns = products.shape[1]
+    m, k = columns / (2.0 * np.pi), 1.0 / row_step
+    pulls = np.zeros((sectors, 5))
+    for c in range(columns):
+        if not chosen[c]:
+            continue
+        azimuth = -2.0 * np.pi * c / columns
+        cos, sin = np.cos(azimuth), np.sin(azimuth)
+        ae1, ae0, be1, be0, aet = products[10, c], products[11, c], products[12, c], products[13, c], products[19, c]
+        pull = pulls[c * sectors // columns]
+        pull[0] += sin * m * ae1 + cos * k * be1
+        pull[1] += sin * k * be1 - cos * m * ae1
+        pull[2] -= m * ae0
+        pull[3] += sin * m * aet + cos * k * be0
+        pull[4] += cos * m * aet - sin * k * be0
+    return pulls

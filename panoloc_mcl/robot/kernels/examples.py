@@ -145,6 +145,7 @@ EXAMPLES: dict[str, Callable[[], tuple[Any, ...]]] = {
     "warping.turned_table": _turned_table,
     "warping.move_profile": _move_profile,
     "alignment.normal_equations": _normal_equations,
+    "alignment.sector_pulls": lambda: (*_normal_equations(), 4),
     "warping.warp_table": _warp_table,
     "weights.exponentials": lambda: (np.zeros(4),),
     "weights.likelihoods": lambda: (_numbers(), 1.0, 0.5, 1.0, 0.01),

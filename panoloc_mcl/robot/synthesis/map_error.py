@@ -1,9 +1,11 @@
 """How far a map errs by itself: what no image can average out, learnt from references that are held out.
 
 A pose read off an image is only as good as the references that the views were made from: their poses are off, walls are not where the
-depths say, the camera's height or mounting is not what was given. References are measured against others as though they were images,
-from one source or several, near and far, on one side and all around, and `SourceErrors` is what explains best how far they are off.
-Because it is a function of where the sources lie, an image among near sources is claimed to be better than the held-out references
+depths say, the camera's height or mounting is not what was given. Part of it the image shows: the sectors of the circle pull the pose
+to different sides, the more the worse the views are (see `PoseRefiner`). How far these pulls are to be believed, and what they cannot
+show because it displaces all sectors alike, is learnt here: references are measured against others around them as though they were
+images, near and far, on one side and all around, and `SourceErrors` is what explains best how far they are off. Because it is a
+function of the image and of where the sources lie, an image among near sources is claimed to be better than the held-out references
 were, which lack the nearest; and that a held-out reference errs itself is counted out.
 """
 
@@ -22,14 +24,16 @@ from panoloc_mcl.robot.geometry import angle_difference
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.settings.observation import VotesSettings
 from panoloc_mcl.robot.synthesis.refinement import PoseRefiner
-from panoloc_mcl.robot.synthesis.source_errors import UNKNOWN, SourceErrors, shares
+from panoloc_mcl.robot.synthesis.source_errors import UNKNOWN, SourceErrors, shares, sharpness_of
 from panoloc_mcl.robot.synthesis.views import ViewSynthesizer
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
-# Sources of trials are among so many neighbours.
-_AROUND = 8
+# Sources of trials are among so many neighbours: the nearest, and this often some of them at random.
+_AROUND, _AT_RANDOM = 8, 2
+# References held out, for each one that a calibration holds out: trials of several sources are what teaches.
+_HELD_OUT = 2
 # Where a trial begins: as far off as the cells of a vote field are.
 _START_SD = np.array([0.07, 0.07, np.radians(0.7)])
 # A trial that ends farther off has found another place, which is a matter of confidence and not of covariance.
@@ -38,8 +42,15 @@ _ASTRAY_M, _ASTRAY = 0.3, np.radians(10.0)
 _FEWEST_TRIALS = 10
 # Degrees of freedom of the errors' distribution (Student's t): now and then one is far larger than the others.
 _FREEDOM = 8.0
-# Variances considered, square metres or radians, for a source at the usual distance.
+# Variances considered, square metres or radians, for a source at the usual distance; and factors on what the image shows, which are
+# at least 1 in the end: sectors show no more than there is.
 _SMALLEST, _LARGEST = 1e-9, 0.1
+_FACTORS = (0.75, 25.0)
+# How far errors of several sources average out depends on how large they are, which is told by how far they average out.
+_ROUNDS, _SHARPNESS = 3, 2.0
+# Depths of the sources were swept with the held-out reference, too, and hide some of what its pose is off. Swept anew without it, its
+# error grew by a factor of exp(0.11) in the median (rendered hall, references off by 5 cm, 11 of them): so much of a variance.
+_HIDDEN_BY_DEPTHS = 1.25
 
 
 class Trial(NamedTuple):
@@ -49,15 +60,16 @@ class Trial(NamedTuple):
     ----------
     error : float64 (3,)
         Measured pose less given one, metres and radians.
-    covariance : float64 (3, 3)
-        That the image claims for itself.
-    shares : float64 (3,)
-        See `shares`; of the reference's own pose as well.
+    scatter : float64 (3, 3)
+        Covariance that the image's sectors give.
+    weights, offsets : float64 (s,) and (s, 2)
+        Of the sources, and from them to the pose, metres.
     """
 
     error: Float64
-    covariance: Float64
-    shares: Float64
+    scatter: Float64
+    weights: Float64
+    offsets: Float64
 
 
 def learn_source_errors(
@@ -87,13 +99,15 @@ def learn_source_errors(
     usable = np.flatnonzero(~synthesizer.alone)
     if len(usable) < 2 or most_references < 2:
         return UNKNOWN
-    chosen = usable[np.unique(np.linspace(0, len(usable) - 1, most_references).round().astype(np.int64))]
+    chosen = usable[np.unique(np.linspace(0, len(usable) - 1, _HELD_OUT * most_references).round().astype(np.int64))]
     trials: list[Trial] = []
     with ThreadPoolExecutor(max_workers=threads) as pool:
         for done, some in enumerate(pool.map(lambda index: list(_trials(synthesizer, settings, int(index), usable)), chosen)):
             trials += some
             progress(done + 1, len(chosen), "errors of the map")
-    return explain(trials)
+    # An error of the heading displaces all that is seen by as much, one of the position the less the farther it is.
+    pixels = synthesizer.references.geometry.width / (2.0 * np.pi)
+    return explain(trials, np.array([pixels / float(np.median(synthesizer.profiles)), pixels]))
 
 
 def _trials(synthesizer: ViewSynthesizer, settings: VotesSettings, held_out: int, usable: Int64) -> Iterator[Trial]:
@@ -105,46 +119,69 @@ def _trials(synthesizer: ViewSynthesizer, settings: VotesSettings, held_out: int
     around = usable[np.argsort(apart, kind="stable")]
     around = around[around != held_out][:_AROUND]
     count = settings.refinement.sources
-    for sources in (around[:count], rng.permutation(around)[:count], around[:1], around[1:2], rng.permutation(around[2:])[:1]):
-        if len(sources) == 0:
-            continue
+    for sources in (around[:count], *(rng.permutation(around)[:count] for _ in range(_AT_RANDOM))):
         refiner = PoseRefiner(synthesizer.of(np.sort(sources)), settings)
         start = truth + _START_SD * rng.standard_normal(3)
         measured = refiner.refine(z, seen, start)
         error = measured.pose - truth
         error[2] = angle_difference(measured.pose[2], truth[2])
         if np.hypot(*error[:2]) < _ASTRAY_M and abs(error[2]) < _ASTRAY:
-            of_sources = shares(*refiner.sources_at(measured.pose[:2]))
-            yield Trial(error, measured.covariance, of_sources + np.array([1.0, 0.0, 0.0]))
+            # Without any errors of the sources, its covariance is what the image shows.
+            yield Trial(error, measured.covariance, *refiner.sources_at(measured.pose[:2]))
 
 
-def explain(trials: list[Trial]) -> SourceErrors:
-    """The standard deviations under which the errors of trials are likeliest; `UNKNOWN` from too few of them."""
+def explain(trials: list[Trial], pixels: Float64) -> SourceErrors:
+    """The errors under which those of trials are likeliest; `UNKNOWN` from too few of them.
+
+    Parameters
+    ----------
+    trials : list of Trial
+    pixels : float64 (2,)
+        By how many pixels a metre and a radian displace what is seen.
+    """
     if len(trials) < _FEWEST_TRIALS:
         return UNKNOWN
     errors = np.array([trial.error for trial in trials])
-    claimed = np.array([np.diag(trial.covariance) for trial in trials])
-    kinds = np.array([trial.shares for trial in trials])
-    position = _likeliest(np.sum(errors[:, :2] ** 2, axis=1), 0.5 * (claimed[:, 0] + claimed[:, 1]), kinds, 2)
-    heading = _likeliest(errors[:, 2] ** 2, claimed[:, 2], kinds, 1)
-    of_pose, to_one_side, with_distance = np.sqrt(np.stack([position, heading], axis=1))
-    return SourceErrors(of_pose, to_one_side, with_distance, len(trials))
+    scatters = np.array([trial.scatter for trial in trials])
+    sharpness = _SHARPNESS
+    position = heading = None
+    for _ in range(_ROUNDS):
+        # That of the reference itself is in its error, too.
+        kinds = np.array([shares(trial.weights, trial.offsets, sharpness) for trial in trials]) + np.array([1.0, 0.0])
+        position = _likeliest(errors[:, :2], scatters[:, :2, :2], kinds, position)
+        heading = _likeliest(errors[:, 2:], scatters[:, 2:, 2:], kinds, heading)
+        of_views, of_pose, to_one_side = np.stack([position, heading], axis=1)
+        of_pose *= _HIDDEN_BY_DEPTHS
+        sharpness = sharpness_of(float(np.sqrt(np.square(pixels) @ of_pose)))
+    return SourceErrors(of_views, np.sqrt(of_pose), np.sqrt(to_one_side), sharpness, len(trials))
 
 
-def _likeliest(squares: Float64, claimed: Float64, kinds: Float64, dimensions: int) -> Float64:
-    """Variances of the kinds of errors (k,) that explain squared errors (n,) besides what is claimed (n,)."""
+def _likeliest(errors: Float64, scatters: Float64, kinds: Float64, near: Float64 | None) -> Float64:
+    """Factor on what the images show, and variances of the kinds of errors (k,), that explain errors (n, d): float64 (1 + k,).
+
+    From ``near``, where it is about known.
+    """
     usual = np.maximum(kinds.mean(axis=0), 1e-9)
+    dimensions = errors.shape[1]
 
     def surprise(logarithms: Float64) -> float:
-        variances = claimed + kinds @ (np.exp(logarithms) / usual)
-        tail = 0.5 * (_FREEDOM + dimensions) * np.log1p(squares / variances / _FREEDOM)
-        return float(np.sum(0.5 * dimensions * np.log(variances) + tail))
+        factor, *variances = np.exp(logarithms)
+        others = kinds @ (np.array(variances) / usual)
+        covariances = factor * scatters + others[:, None, None] * np.eye(dimensions)
+        squares = np.einsum("ni,ni->n", errors, np.linalg.solve(covariances, errors[:, :, None])[:, :, 0])
+        tail = 0.5 * (_FREEDOM + dimensions) * np.log1p(squares / _FREEDOM)
+        return float(np.sum(0.5 * np.linalg.slogdet(covariances)[1] + tail))
 
-    bounds = [(np.log(_SMALLEST), np.log(_LARGEST))] * len(usual)
-    typical = np.log(np.clip(np.median(squares) / dimensions, 10.0 * _SMALLEST, 0.1 * _LARGEST))
-    # Which kind it is decides where the search begins: all, or one of them first.
-    starts = [np.full(len(usual), typical), *(typical - 6.0 * (1.0 - row) for row in np.eye(len(usual)))]
-    found = [minimize(surprise, np.clip(start, *bounds[0]), method="L-BFGS-B", bounds=bounds) for start in starts]
+    lowest = np.log([_FACTORS[0], *[_SMALLEST] * len(usual)])
+    highest = np.log([_FACTORS[1], *[_LARGEST] * len(usual)])
+    scale = np.array([1.0, *usual]) * (_FREEDOM - 2.0) / _FREEDOM
+    typical = np.log(np.clip(np.median(np.sum(errors**2, axis=1)) / dimensions, 10.0 * _SMALLEST, 0.1 * _LARGEST))
+    # Which kind it is decides where the search begins: the views, all, or one of the others first.
+    others = [np.full(len(usual), typical), *(typical - 6.0 * (1.0 - row) for row in np.eye(len(usual)))]
+    starts = [np.concatenate([[0.7], start]) for start in (np.full(len(usual), typical - 6.0), *others)]
+    starts = starts if near is None else [np.log(near * scale)]
+    bounds = list(zip(lowest.tolist(), highest.tolist(), strict=True))
+    found = [minimize(surprise, np.clip(start, lowest, highest), method="L-BFGS-B", bounds=bounds) for start in starts]
     best = min(found, key=lambda one: float(one.fun)).x
     # The scale of Student's t is not its variance.
-    return np.asarray(np.exp(best) / usual * _FREEDOM / (_FREEDOM - 2.0))
+    return np.asarray(np.exp(best) / scale)

@@ -19,11 +19,12 @@ from scipy.spatial import cKDTree
 
 from panoloc_mcl.robot.eigenspace.gradients import orientations, pad_circular
 from panoloc_mcl.robot.geometry import wrap_angle
-from panoloc_mcl.robot.kernels.alignment import column_products, normal_equations
+from panoloc_mcl.robot.kernels.alignment import column_products, normal_equations, sector_pulls
 from panoloc_mcl.robot.kernels.warping import turned_table
 from panoloc_mcl.robot.measurement import Agreement, PoseMeasurement
 from panoloc_mcl.robot.references import ReferencePanoramas
 from panoloc_mcl.robot.settings.observation import RefinementSettings, VotesSettings
+from panoloc_mcl.robot.synthesis.equations import Equations
 from panoloc_mcl.robot.synthesis.views import MARGIN, ViewSynthesizer
 
 Float64 = NDArray[np.float64]
@@ -57,19 +58,10 @@ def _steps(settings: RefinementSettings, columns: int) -> tuple[list[Step], list
 _COARSE = ((4, 5.0), (4, 5.0), (2, 2.0), (2, 2.0))
 # At full resolution every second row is enough: smoothing and gradients make neighbouring rows say nearly the same.
 _FINE_ROWS_EVERY = 2
-_LARGEST_STEP_M = 0.15
-_LARGEST_TURN = np.radians(2.0)
-# Standard deviation of pitch and roll before the image is seen, radians.
-_SD_TILT = np.radians(2.0)
-# Neighbouring pixels and both channels err together, and the views are not exact: so many of them count as one. Chosen so
-# that errors on recorded data are as large as the covariance says.
-_CORRELATED = 2.5
+# Sectors whose pulls are taken as independent, so many over the circle: 12 degrees, over which depths are smoothed.
+_SECTORS = 30
 # Of several poses, so many.
 _REFINED_TO_THE_END = 2
-# Information is not thought smaller than this agreement makes it.
-_LEAST_AGREEMENT = 0.1
-# Mean squared difference at the least: a view that fits exactly, or shows nothing of the image, has none and still errs.
-_LEAST_VARIANCE = 1e-4
 # Standing still: a step this small is about what the image can tell.
 _SMALLEST_STEP_M, _SMALLEST_TURN = 1.5e-3, np.radians(0.01)
 # Of the standard deviation: a step this small is not worth another one.
@@ -80,14 +72,6 @@ _NEAR_M = 0.05
 _AGREEING_WINDOW_DEG, _AGREEING_SHARE = 21.0, 0.6
 # References whose smoothed features are kept at hand.
 _KEPT_FEATURES = 96
-
-
-class _Equations(NamedTuple):
-    normal: Float64
-    right: Float64
-    residual: float
-    pixels: float
-    agreement: Agreement
 
 
 class PoseRefiner:
@@ -161,7 +145,7 @@ class PoseRefiner:
         """
         coarse, fine = _steps(self._settings.refinement, z.shape[1])
         planes = {sigma: _planes(z, usable, sigma) for sigma in {step.sigma for step in (*coarse, *fine)}}
-        approached: list[tuple[Float64, Float64, _Equations]] = []
+        approached: list[tuple[Float64, Float64, Equations]] = []
         for pose in poses:
             approached.append(self._descended(planes, coarse, np.array(pose, dtype=np.float64), np.zeros(2)))
             if approached[-1][2].agreement.cosine >= sufficient:
@@ -180,12 +164,15 @@ class PoseRefiner:
         pose, tilt, equations = self._descended(planes, fine, pose, tilt)
         pose[2] = wrap_angle(pose[2])
         leaning = _turned(tilt, -float(pose[2]))
-        of_map = self._synthesizer.errors_at(*self._weighted_sources(pose[:2], self._settings.refinement.sources), pose[:2])
-        return PoseMeasurement(pose, self._covariance(equations) + of_map, leaning, equations.agreement, of_map)
+        of_map, of_frame = self._synthesizer.errors_at(
+            *self._weighted_sources(pose[:2], self._settings.refinement.sources), pose[:2]
+        )
+        covariance = self._synthesizer.errors.of_image(equations.scatter(self._unknowns)) + of_map + of_frame
+        return PoseMeasurement(pose, covariance, leaning, equations.agreement, of_map, of_frame)
 
     def _descended(
         self, planes: Mapping[float, Float32], steps: Sequence[Step], pose: Float64, tilt: Float64
-    ) -> tuple[Float64, Float64, _Equations]:
+    ) -> tuple[Float64, Float64, Equations]:
         """Pose and tilt after Gauss-Newton steps, which end where nothing moves any more, and the last equations.
 
         The tilt is about the map's axes here: pitch about y, roll about x.
@@ -194,15 +181,15 @@ class PoseRefiner:
         for step in steps:
             query, query_usable = self._turned_back(planes[step.sigma], pose[2], tilt, step.stride)
             equations = self._equations(query, query_usable, pose[:2], step)
-            change = _solve(equations, tilt, unknowns)
+            change = equations.step(tilt, unknowns)
             pose, tilt = pose + change[:3], tilt + change[3:]
             if step == steps[-1] and self._is_still(change, equations):
                 break
         return pose, tilt, equations
 
-    def _is_still(self, change: Float64, equations: _Equations) -> bool:
+    def _is_still(self, change: Float64, equations: Equations) -> bool:
         """Whether a step is about what the image can tell, or far less than it does tell."""
-        sd = np.sqrt(np.diag(self._covariance(equations)))
+        sd = np.sqrt(np.diag(equations.noise(self._unknowns)))
         far, turned = float(np.hypot(change[0], change[1])), abs(float(change[2]))
         return far < max(_SMALLEST_STEP_M, _SMALL * float(max(sd[0], sd[1]))) and turned < max(
             _SMALLEST_TURN, _SMALL * float(sd[2])
@@ -212,15 +199,7 @@ class PoseRefiner:
     def _unknowns(self) -> int:
         return 5 if self._settings.refinement.tilt else 3
 
-    def _covariance(self, equations: _Equations) -> Float64:
-        unknowns = self._unknowns
-        inverse = np.linalg.inv(equations.normal[:unknowns, :unknowns] + 1e-9 * np.eye(unknowns))[:3, :3]
-        variance = max(equations.residual / max(equations.pixels, 1.0), _LEAST_VARIANCE)
-        # Noise has gradients, too, which tell nothing of the pose: what is not agreed upon must not count as information.
-        trusted = float(np.clip(equations.agreement.cosine, _LEAST_AGREEMENT, 1.0))
-        return np.asarray(_CORRELATED * variance / trusted**2 * inverse)
-
-    def _equations(self, query: Complex64, query_usable: Bool, position: Float64, step: Step) -> _Equations:
+    def _equations(self, query: Complex64, query_usable: Bool, position: Float64, step: Step) -> Equations:
         """Normal equations against the views of the nearest references, the nearer the more."""
         weights, indices = self._weighted_sources(position, step.sources)
         rays = self._synthesizer.rays
@@ -228,7 +207,7 @@ class PoseRefiner:
         floor, tangents = (np.ascontiguousarray(part[:: step.stride]) for part in (rays.floor, rays.tangents))
         normal, right = np.zeros((5, 5)), np.zeros(5)
         residual = pixels = 0.0
-        columns = np.zeros((3, query.shape[1]))
+        columns, pulls = np.zeros((3, query.shape[1])), np.zeros((_SECTORS, 5))
         for weight, source in zip(weights, indices, strict=True):
             profile = self._synthesizer.profile_at(int(source), position)
             view, view_usable = self._view(int(source), position, profile, step)
@@ -242,13 +221,15 @@ class PoseRefiner:
                 tangents,
                 _FINE_ROWS_EVERY if step.fine else 1,
             )
-            part = normal_equations(products, _agreeing(products[-3:]), rays.row_step * step.stride)
+            chosen = _agreeing(products[-3:])
+            part = normal_equations(products, chosen, rays.row_step * step.stride)
+            pulls += weight * sector_pulls(products, chosen, rays.row_step * step.stride, _SECTORS)
             normal += weight * part[0]
             right += weight * part[1]
             residual += weight * part[2]
             pixels += weight * part[3]
             columns += products[-3:]
-        return _Equations(normal, right, residual, pixels, Agreement.of_columns(*columns))
+        return Equations(normal, right, residual, pixels, Agreement.of_columns(*columns), pulls)
 
     def sources_at(self, position: Float64) -> tuple[Float64, Float64]:
         """Sources of the last views at a position (2,): weights (s,), and offsets from them to it (s, 2), metres."""
@@ -326,18 +307,3 @@ def _read(planes: Float32, map_x: Float32, map_y: Float32) -> tuple[Complex64, B
     read = cv2.remap(planes, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
     z = np.ascontiguousarray(read[..., :2]).view(np.complex64)[..., 0]
     return z, read[..., 2] > 0.99
-
-
-def _solve(equations: _Equations, tilt: Float64, unknowns: int) -> Float64:
-    """The step of position, heading and tilt, of a length that can be trusted: float64 (5,)."""
-    normal, right = equations.normal.copy(), equations.right.copy()
-    # What is known of the tilt beforehand, in the units of the residuals.
-    stiffness = equations.residual / max(equations.pixels, 1.0) / _SD_TILT**2
-    normal[[3, 4], [3, 4]] += stiffness
-    right[3:] -= stiffness * tilt
-    regular = normal[:unknowns, :unknowns] + (1e-9 * np.trace(normal[:3, :3]) + 1e-12) * np.eye(unknowns)
-    step = np.zeros(5)
-    step[:unknowns] = np.linalg.solve(regular, right[:unknowns])
-    step[:2] *= min(1.0, _LARGEST_STEP_M / max(float(np.hypot(step[0], step[1])), 1e-12))
-    step[2] = np.clip(step[2], -_LARGEST_TURN, _LARGEST_TURN)
-    return step

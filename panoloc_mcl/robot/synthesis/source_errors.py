@@ -1,4 +1,4 @@
-"""What a pose errs by because the views that it was read off err: a function of where their sources lie."""
+"""What a pose errs by because the views that it was read off err: what the image shows of it, and where their sources lie."""
 
 from __future__ import annotations
 
@@ -10,12 +10,23 @@ from numpy.typing import NDArray
 
 Float64 = NDArray[np.float64]
 
-# Power of the variance that the mean of independent sources has: 1 if they averaged out, 0 if a single one counted. Set on the rendered
-# hall with references that are 2 and 5 cm off.
-_AVERAGING = 0.25
+
+def sharpness_of(displaced: float) -> float:
+    """To what power weights of sources count, see `shares`: 1 where their errors average out, large where one of them is locked on to.
+
+    Where the views of all sources lie within the reach of a feature, about a pixel, of each other, the image settles between them;
+    where they do not, it locks on to one, the heavier the likelier, as a blend of several would agree less.
+
+    Parameters
+    ----------
+    displaced : float
+        By how many pixels the errors of its pose displace the view of a source, standard deviation.
+    """
+    # The difference of two sources has twice the variance.
+    return 1.0 + 2.0 * displaced * displaced
 
 
-def shares(weights: Float64, offsets: Float64) -> Float64:
+def shares(weights: Float64, offsets: Float64, sharpness: float) -> Float64:
     """How much of each kind of error a pose has that is read off views of several sources.
 
     Parameters
@@ -24,49 +35,66 @@ def shares(weights: Float64, offsets: Float64) -> Float64:
         Of the sources, with sum 1.
     offsets : float64 (s, 2)
         From the sources to the pose, metres.
+    sharpness : float
+        See `sharpness_of`.
 
     Returns
     -------
-    float64 (3,)
-        Of the variance of a source's own pose: between that of one source and of the mean of independent ones, because an image locks
-        on to one of several that contradict each other. Of what grows to one side: the squared mean offset. Of what grows with the
-        distance: the mean of independent errors that grow with its square.
+    float64 (2,)
+        Of the variance of a source's own pose, and of what grows to one side: the squared mean offset, square metres.
     """
-    weighted = weights * weights
-    mean = weights @ offsets
-    squares = np.sum(offsets * offsets, axis=1)
-    return np.array([weighted.sum() ** _AVERAGING, mean @ mean, weighted @ (squares * squares)])
+    sharp = (weights / weights.max()) ** sharpness
+    sharp /= sharp.sum()
+    mean = sharp @ offsets
+    return np.array([sharp @ sharp, mean @ mean])
 
 
 @dataclass(frozen=True, eq=False)
 class SourceErrors:
-    """Standard deviations of the errors that views have from their sources; of x and y (each) and of the heading.
+    """Errors that views have from their sources; of x and y (each) and of the heading.
 
     Parameters
     ----------
+    of_views : float64 (2,)
+        Variance of a pose over what the sectors of the image show of it (see `PoseRefiner`): views err alike over more than a sector.
     of_pose : float64 (2,)
-        Of a reference's own pose, metres and radians.
+        Standard deviation of a reference's own pose, metres and radians.
     to_one_side : float64 (2,)
         For every metre that the sources lie off the pose in the mean, metres and radians a metre.
-    with_distance : float64 (2,)
-        Of a single source, for the square of its distance, metres and radians a square metre.
+    sharpness : float
+        See `sharpness_of`.
     trials : int
         How many they were learnt from; 0: they are a guess.
     """
 
+    of_views: Float64
     of_pose: Float64
     to_one_side: Float64
-    with_distance: Float64
+    sharpness: float
     trials: int
 
-    def covariance(self, weights: Float64, offsets: Float64) -> Float64:
-        """Of a pose read off views of sources (see `shares`): float64 (3, 3), metres and radians."""
-        x, heading = shares(weights, offsets) @ np.square([self.of_pose, self.to_one_side, self.with_distance])
+    def of_image(self, scatter: Float64) -> Float64:
+        """Covariance of a pose for what the image and the views show, float64 (3, 3), from that which its sectors give."""
+        x, heading = np.sqrt(self.of_views)
+        factors = np.array([x, x, heading])
+        return np.asarray(factors[:, None] * scatter * factors)
+
+    def of_sources(self, weights: Float64, offsets: Float64) -> Float64:
+        """Covariance of a pose for the sources that it was read off: float64 (3, 3), metres and radians.
+
+        Parameters
+        ----------
+        weights : float64 (s,)
+            Of the sources, with sum 1.
+        offsets : float64 (s, 2)
+            From the sources to the pose, metres.
+        """
+        x, heading = shares(weights, offsets, self.sharpness) @ np.square([self.of_pose, self.to_one_side])
         return np.diag([x, x, heading])
 
     def array(self) -> Float64:
-        """All of it, float64 (7,), for a map file."""
-        return np.concatenate([self.of_pose, self.to_one_side, self.with_distance, [self.trials]])
+        """All of it, float64 (8,), for a map file."""
+        return np.concatenate([self.of_views, self.of_pose, self.to_one_side, [self.sharpness, self.trials]])
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -82,12 +110,12 @@ class SourceErrors:
     def of_array(cls, values: NDArray[Any] | None) -> Self:
         """What `array` gave; a guess where there is nothing, or these are no standard deviations."""
         values = np.zeros(0) if values is None else np.asarray(values, dtype=np.float64)
-        if values.shape != (7,) or not (np.isfinite(values).all() and (values >= 0.0).all()):
-            return cls(UNKNOWN.of_pose, UNKNOWN.to_one_side, UNKNOWN.with_distance, 0)
-        return cls(values[0:2], values[2:4], values[4:6], int(values[6]))
+        if values.shape != (8,) or not (np.isfinite(values).all() and (values >= 0.0).all()):
+            return cls(UNKNOWN.of_views, UNKNOWN.of_pose, UNKNOWN.to_one_side, UNKNOWN.sharpness, 0)
+        return cls(values[0:2], values[2:4], values[4:6], float(values[6]), int(values[7]))
 
 
-#: Where nothing can be learnt: 2 cm and 0.5 degrees, as of references that were surveyed with a tape.
-UNKNOWN = SourceErrors(np.array([0.02, np.radians(0.5)]), np.zeros(2), np.zeros(2), 0)
-#: References that err by nothing.
-NONE = SourceErrors(np.zeros(2), np.zeros(2), np.zeros(2), 0)
+#: Where nothing can be learnt: 2 cm and 0.5 degrees, as of references that were surveyed with a tape; views as in the rendered hall.
+UNKNOWN = SourceErrors(np.array([2.5, 2.0]), np.array([0.02, np.radians(0.5)]), np.zeros(2), 2.0, 0)
+#: What the image shows, and nothing more.
+NONE = SourceErrors(np.ones(2), np.zeros(2), np.zeros(2), 1.0, 0)

@@ -117,17 +117,17 @@ class ViewSynthesizer:
         usual = float(np.median(variances[self._sources])) if len(self._sources) else 0.0
         return np.asarray((_VIEW_SD_M**2 + usual) / (_VIEW_SD_M**2 + variances))
 
-    def errors_at(self, weights: Float64, sources: NDArray[np.int64], position: Float64) -> Float64:
-        """Covariance of what the map errs by in a pose that is read off views of sources, float64 (3, 3), metres and radians.
+    def errors_at(self, weights: Float64, sources: NDArray[np.int64], position: Float64) -> tuple[Float64, Float64]:
+        """Covariances of what the map errs by in a pose that is read off views of sources, float64 (3, 3), metres and radians.
 
-        What references tell of each other (`errors`), and what their poses are known to err by together, as after mending.
+        What references tell of each other (`errors`), which is of the place; and what their poses are known to err by together, as
+        after mending, which is of the frame and does not average out.
         """
-        covariance = self.errors.covariance(weights, position - self.references.positions[sources])
-        if self.references.sds is not None:
-            # What all have in common does not average out.
-            x, heading = weights @ np.square(self.references.sds[sources])
-            covariance += np.diag([x, x, heading])
-        return covariance
+        of_map = self.errors.of_sources(weights, position - self.references.positions[sources])
+        if self.references.sds is None:
+            return of_map, np.zeros((3, 3))
+        x, heading = weights @ np.square(self.references.sds[sources])
+        return of_map, np.diag([x, x, heading])
 
     def of(self, indices: NDArray[np.int64]) -> ViewSynthesizer:
         """A synthesiser that has some of the references only."""

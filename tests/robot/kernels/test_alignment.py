@@ -61,3 +61,19 @@ def test_products_hold_pixels_and_energies_of_their_column(variant) -> None:
     inner = naive.column_agreement(query[1:-1], usable[1:-1], view[1:-1], usable[1:-1])
     for row, expected in zip(products[21:], inner, strict=True):
         assert row == pytest.approx(expected, rel=1e-4, abs=1e-3)
+
+
+@pytest.mark.parametrize("sectors", [1, 7, 30])
+def test_pulls_of_sectors_are_parts_of_the_right_hand_side(variant, sectors: int) -> None:
+    rng = np.random.default_rng(sectors)
+    products = rng.standard_normal((24, 90))
+    chosen = rng.random(90) < 0.7
+    pulls = variant(alignment.sector_pulls)(products, chosen, 0.01, sectors)
+    whole = variant(alignment.normal_equations)(products, chosen, 0.01)[1]
+    assert pulls.shape == (sectors, 5)
+    np.testing.assert_allclose(pulls.sum(axis=0), whole, rtol=1e-9, atol=1e-9 * np.abs(whole).max())
+    edge = 90 // sectors
+    one = chosen & (np.arange(90) < edge) if 90 % sectors == 0 else None
+    if one is not None:
+        expected = variant(alignment.normal_equations)(products, one, 0.01)[1]
+        np.testing.assert_allclose(pulls[0], expected, rtol=1e-9, atol=1e-9 * np.abs(whole).max())

@@ -1,0 +1,96 @@
+"""Gauss-Newton equations of a pose and a tilt: the step that they ask for, and how far the pose may still be off.
+
+How far it is off is told by the sectors of the circle, each of which pulls the pose a little to its own side: depths, light and what
+moves err alike within a sector, and hardly from one to the next. The scatter of their pulls gives a covariance that holds whatever the
+errors are (the sandwich estimator of clustered data, Liang & Zeger 1986); the noise of pixels alone would be a tenth of them.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from panoloc_mcl.robot.measurement import Agreement
+
+Float64 = NDArray[np.float64]
+
+_LARGEST_STEP_M = 0.15
+_LARGEST_TURN = np.radians(2.0)
+# Standard deviation of pitch and roll before the image is seen, radians.
+_SD_TILT = np.radians(2.0)
+# Neighbouring pixels and both channels err together: so many of them count as one.
+_CORRELATED = 2.5
+# Information is not thought smaller than this agreement makes it.
+_LEAST_AGREEMENT = 0.1
+# Mean squared difference at the least: a view that fits exactly, or shows nothing of the image, has none and still errs.
+_LEAST_VARIANCE = 1e-4
+# Variances at the least: a tenth of a millimetre, a thousandth of a degree.
+_LEAST_SCATTER = np.diag([1e-4, 1e-4, np.radians(1e-3)]) ** 2
+
+
+class Equations(NamedTuple):
+    """Of an image and the views around a pose.
+
+    Parameters
+    ----------
+    normal : float64 (5, 5)
+        Of x, y, heading, pitch and roll: metres and radians.
+    right : float64 (5,)
+    residual : float
+        Sum of squared differences of the features.
+    pixels : float
+        Number of pixels compared.
+    agreement : Agreement
+    pulls : float64 (s, 5)
+        Parts of ``right``, by sectors of the circle.
+    """
+
+    normal: Float64
+    right: Float64
+    residual: float
+    pixels: float
+    agreement: Agreement
+    pulls: Float64
+
+    @property
+    def variance(self) -> float:
+        """Mean squared difference of a pixel."""
+        return float(self.residual / max(self.pixels, 1.0))
+
+    def step(self, tilt: Float64, unknowns: int) -> Float64:
+        """The step of position, heading and tilt from a tilt (2,), of a length that can be trusted: float64 (5,)."""
+        normal, right = self._regular(unknowns), self.right.copy()
+        right[3:] -= self._stiffness * tilt
+        step = np.zeros(5)
+        step[:unknowns] = np.linalg.solve(normal, right[:unknowns])
+        step[:2] *= min(1.0, _LARGEST_STEP_M / max(float(np.hypot(step[0], step[1])), 1e-12))
+        step[2] = np.clip(step[2], -_LARGEST_TURN, _LARGEST_TURN)
+        return step
+
+    def scatter(self, unknowns: int) -> Float64:
+        """Covariance of the pose by the pulls of the sectors, float64 (3, 3); where few are seen, by the noise of the pixels."""
+        seen = int(self.pulls.any(axis=1).sum())
+        if seen < 2 * unknowns:
+            return self.noise(unknowns)
+        moved = np.linalg.solve(self._regular(unknowns), self.pulls[:, :unknowns].T)[:3]
+        # As many degrees of freedom as unknowns are spent.
+        return np.asarray((moved @ moved.T) * (seen / (seen - unknowns)) + _LEAST_SCATTER)
+
+    def noise(self, unknowns: int) -> Float64:
+        """Covariance of the pose if pixels erred independently of each other, float64 (3, 3)."""
+        inverse = np.linalg.inv(self.normal[:unknowns, :unknowns] + 1e-9 * np.eye(unknowns))[:3, :3]
+        # Noise has gradients, too, which tell nothing of the pose: what is not agreed upon must not count as information.
+        trusted = float(np.clip(self.agreement.cosine, _LEAST_AGREEMENT, 1.0))
+        return np.asarray(_CORRELATED * max(self.variance, _LEAST_VARIANCE) / trusted**2 * inverse)
+
+    @property
+    def _stiffness(self) -> float:
+        """What is known of the tilt beforehand, in the units of the residuals."""
+        return float(self.variance / _SD_TILT**2)
+
+    def _regular(self, unknowns: int) -> Float64:
+        normal = self.normal.copy()
+        normal[[3, 4], [3, 4]] += self._stiffness
+        return np.asarray(normal[:unknowns, :unknowns] + (1e-9 * np.trace(normal[:3, :3]) + 1e-12) * np.eye(unknowns))

@@ -1,0 +1,58 @@
+"""Covariances by the pulls of sectors, against errors that are drawn."""
+
+import numpy as np
+import pytest
+
+from panoloc_mcl.robot.measurement import Agreement
+from panoloc_mcl.robot.synthesis.equations import Equations
+
+SECTORS, COLUMNS = 30, 360
+
+
+def drawn(rng: np.random.Generator, sd: np.ndarray) -> tuple[np.ndarray, Equations]:
+    """A linear problem whose pixels err alike within a sector, as depths do: the error of its solution, and the equations there."""
+    azimuth = 2.0 * np.pi * np.arange(COLUMNS) / COLUMNS
+    jacobian = np.stack([np.sin(azimuth), -np.cos(azimuth), np.ones(COLUMNS), np.cos(azimuth), np.sin(azimuth)], axis=1)
+    jacobian *= rng.uniform(0.5, 1.5, (COLUMNS, 1))
+    # The tilt moves features otherwise than a step does.
+    jacobian[:, 3:] *= rng.uniform(-1.0, 1.0, (COLUMNS, 1))
+    errors = np.repeat(sd * rng.standard_normal(SECTORS), COLUMNS // SECTORS)
+    normal = jacobian.T @ jacobian
+    solution = np.linalg.solve(normal, jacobian.T @ errors)
+    left = errors - jacobian @ solution
+    pulls = (jacobian * left[:, None]).reshape(SECTORS, -1, 5).sum(axis=1)
+    residual = float(left @ left)
+    return solution[:3], Equations(normal, jacobian.T @ left, residual, COLUMNS, Agreement(0.9, np.ones(24)), pulls)
+
+
+@pytest.mark.parametrize("uneven", [False, True])
+def test_the_scatter_of_pulls_is_the_covariance_of_errors_that_sectors_share(uneven: bool) -> None:
+    rng = np.random.default_rng(2)
+    sd = np.where(np.arange(SECTORS) < 6, 0.5, 0.05) if uneven else np.full(SECTORS, 0.1)
+    trials = [drawn(rng, sd) for _ in range(400)]
+    squares = np.mean([error**2 for error, _ in trials], axis=0)
+    by_sectors = np.mean([np.diag(equations.scatter(5)) for _, equations in trials], axis=0)
+    by_noise = np.mean([np.diag(equations.noise(5)) for _, equations in trials], axis=0)
+    assert np.all(by_sectors > 0.6 * squares)
+    assert np.all(by_sectors < 1.5 * squares)
+    # Pixels that err alike are not so many independent ones.
+    assert np.all(by_noise < 0.6 * squares)
+
+
+def test_few_sectors_say_nothing_of_their_scatter() -> None:
+    _, equations = drawn(np.random.default_rng(0), np.full(SECTORS, 0.1))
+    pulls = equations.pulls.copy()
+    pulls[8:] = 0.0
+    assert np.array_equal(equations._replace(pulls=pulls).scatter(5), equations.noise(5))
+
+
+@pytest.mark.parametrize("unknowns", [3, 5])
+def test_covariances_are_positive_definite_and_steps_bounded(unknowns: int) -> None:
+    _, equations = drawn(np.random.default_rng(1), np.full(SECTORS, 0.1))
+    for covariance in (equations.scatter(unknowns), equations.noise(unknowns)):
+        assert np.linalg.eigvalsh(covariance).min() > 0.0
+    far = equations._replace(right=np.full(5, 1e6))
+    step = far.step(np.zeros(2), unknowns)
+    assert np.hypot(*step[:2]) <= 0.15 + 1e-12
+    assert abs(step[2]) <= np.radians(2.0) + 1e-12
+    assert np.all(step[unknowns:] == 0.0)
