@@ -3,6 +3,7 @@
 import pytest
 
 from panoloc_mcl.laboratory.studies import consistency
+from panoloc_mcl.laboratory.studies.claims import Claims, kept
 from panoloc_mcl.laboratory.studies.consistency import Condition, study
 from panoloc_mcl.robot.errors import ConfigError
 from panoloc_mcl.tools.config.model import RunConfig
@@ -33,6 +34,39 @@ def test_rows_count_drives_and_images_and_hold_errors_against_claims(room, monke
     rows = {row["condition"]: row for row in table["rows"]}
     assert {"standing", "tilted", "poses off"} < set(rows)
     assert len(kept) == len(conditions)
-    assert rows["standing"]["images"] == 16 * 5 * rows["standing"]["drives"]
+    assert rows["standing"]["images"] == 5 * 5 * rows["standing"]["drives"]
     for row in rows.values():
         assert row["images"] >= row["drives"] >= 1
+
+
+def test_claims_that_were_kept_are_not_computed_again(tmp_path) -> None:
+    claims = Claims({"noon_00"}, 2, [[0.001] * 12], [])
+    computed = []
+
+    def compute() -> Claims:
+        computed.append(1)
+        return claims
+
+    for _ in range(2):
+        assert kept(tmp_path, ("hall", 1), compute).data() == claims.data()
+    assert len(computed) == 1
+    kept(tmp_path, ("hall", 2), compute)
+    assert len(computed) == 2
+    # One that is damaged is made anew.
+    for file in tmp_path.iterdir():
+        file.write_text("{")
+    assert kept(tmp_path, ("hall", 1), compute).data() == claims.data()
+    assert len(computed) == 3
+    kept(None, ("hall", 1), compute)
+    assert len(computed) == 4
+
+
+@pytest.mark.slow
+def test_an_interrupted_study_goes_on(room, monkeypatch, tmp_path) -> None:
+    monkeypatch.setattr(
+        consistency, "CONDITIONS", (Condition("as it is", by_light=True), Condition("tilted", images="lean:1.0"))
+    )
+    config = RunConfig(dataset=str(room))
+    whole = study(config, cells=tmp_path, also=[str(room)])
+    monkeypatch.setattr(consistency, "_claims", None)
+    assert study(config, cells=tmp_path, also=[str(room)]).data() == whole.data()
