@@ -36,8 +36,8 @@ _TheMap = Callable[[], tuple[PanoramaMap, ObservationModel]]
 
 # Of images of a robot that stands: a good camera's noise, grey levels, and the time between them, seconds.
 _NOISE, _PERIOD_S = 2.0, 0.5
-# Places of a drive that a robot stands at.
-_PLACES = 5
+# Of a drive, so many images that are taken while standing, at two places at the least.
+_LOOKS, _FEWEST_PLACES = 80, 2
 
 
 @dataclass(frozen=True)
@@ -260,8 +260,9 @@ class _Through:
 def _standing(drive: Drive, images: int) -> Iterator[Drive]:
     """A robot that stands, and looks so many times, at several places of a drive."""
     assert drive.groundtruth is not None
-    for place in range(_PLACES):
-        index = (2 * place + 1) * len(drive) // (2 * _PLACES)
+    places = max(_FEWEST_PLACES, _LOOKS // images)
+    for place in range(places):
+        index = (2 * place + 1) * len(drive) // (2 * places)
         times = drive.times[index] + _PERIOD_S * np.arange(images)
         pose = drive.groundtruth.at(drive.times[index])
         standing = Trajectory(times, np.tile(pose, (images, 1)))

@@ -42,10 +42,9 @@ _ASTRAY_M, _ASTRAY = 0.3, np.radians(10.0)
 _FEWEST_TRIALS = 10
 # Degrees of freedom of the errors' distribution (Student's t): now and then one is far larger than the others.
 _FREEDOM = 8.0
-# Variances considered, square metres or radians, for a source at the usual distance; and factors on what the image shows, which are
-# at least 1 in the end: sectors show no more than there is.
+# Variances considered, square metres or radians, for a source at the usual distance; and factors on what the image shows.
 _SMALLEST, _LARGEST = 1e-9, 0.1
-_FACTORS = (0.75, 25.0)
+_FACTORS = (0.5, 25.0)
 # How far errors of several sources average out depends on how large they are, which is told by how far they average out.
 _ROUNDS, _SHARPNESS = 3, 2.0
 # Depths of the sources were swept with the held-out reference, too, and hide some of what its pose is off. Swept anew without it, its
@@ -60,14 +59,14 @@ class Trial(NamedTuple):
     ----------
     error : float64 (3,)
         Measured pose less given one, metres and radians.
-    scatter : float64 (3, 3)
-        Covariance that the image's sectors give.
+    shown : float64 (3, 3)
+        Covariance that the image shows.
     weights, offsets : float64 (s,) and (s, 2)
         Of the sources, and from them to the pose, metres.
     """
 
     error: Float64
-    scatter: Float64
+    shown: Float64
     weights: Float64
     offsets: Float64
 
@@ -142,21 +141,21 @@ def explain(trials: list[Trial], pixels: Float64) -> SourceErrors:
     if len(trials) < _FEWEST_TRIALS:
         return UNKNOWN
     errors = np.array([trial.error for trial in trials])
-    scatters = np.array([trial.scatter for trial in trials])
+    shown = np.array([trial.shown for trial in trials])
     sharpness = _SHARPNESS
     position = heading = None
     for _ in range(_ROUNDS):
         # That of the reference itself is in its error, too.
         kinds = np.array([shares(trial.weights, trial.offsets, sharpness) for trial in trials]) + np.array([1.0, 0.0])
-        position = _likeliest(errors[:, :2], scatters[:, :2, :2], kinds, position)
-        heading = _likeliest(errors[:, 2:], scatters[:, 2:, 2:], kinds, heading)
+        position = _likeliest(errors[:, :2], shown[:, :2, :2], kinds, position)
+        heading = _likeliest(errors[:, 2:], shown[:, 2:, 2:], kinds, heading)
         of_views, of_pose, to_one_side = np.stack([position, heading], axis=1)
         of_pose *= _HIDDEN_BY_DEPTHS
         sharpness = sharpness_of(float(np.sqrt(np.square(pixels) @ of_pose)))
     return SourceErrors(of_views, np.sqrt(of_pose), np.sqrt(to_one_side), sharpness, len(trials))
 
 
-def _likeliest(errors: Float64, scatters: Float64, kinds: Float64, near: Float64 | None) -> Float64:
+def _likeliest(errors: Float64, shown: Float64, kinds: Float64, near: Float64 | None) -> Float64:
     """Factor on what the images show, and variances of the kinds of errors (k,), that explain errors (n, d): float64 (1 + k,).
 
     From ``near``, where it is about known.
@@ -167,7 +166,7 @@ def _likeliest(errors: Float64, scatters: Float64, kinds: Float64, near: Float64
     def surprise(logarithms: Float64) -> float:
         factor, *variances = np.exp(logarithms)
         others = kinds @ (np.array(variances) / usual)
-        covariances = factor * scatters + others[:, None, None] * np.eye(dimensions)
+        covariances = factor * shown + others[:, None, None] * np.eye(dimensions)
         squares = np.einsum("ni,ni->n", errors, np.linalg.solve(covariances, errors[:, :, None])[:, :, 0])
         tail = 0.5 * (_FREEDOM + dimensions) * np.log1p(squares / _FREEDOM)
         return float(np.sum(0.5 * np.linalg.slogdet(covariances)[1] + tail))

@@ -167,7 +167,7 @@ class PoseRefiner:
         of_map, of_frame = self._synthesizer.errors_at(
             *self._weighted_sources(pose[:2], self._settings.refinement.sources), pose[:2]
         )
-        covariance = self._synthesizer.errors.of_image(equations.scatter(self._unknowns)) + of_map + of_frame
+        covariance = self._synthesizer.errors.of_image(equations.covariance(self._unknowns)) + of_map + of_frame
         return PoseMeasurement(pose, covariance, leaning, equations.agreement, of_map, of_frame)
 
     def _descended(

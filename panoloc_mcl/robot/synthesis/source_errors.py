@@ -56,7 +56,7 @@ class SourceErrors:
     Parameters
     ----------
     of_views : float64 (2,)
-        Variance of a pose over what the sectors of the image show of it (see `PoseRefiner`): views err alike over more than a sector.
+        Factors on the covariance that the image shows (see `Equations.covariance`).
     of_pose : float64 (2,)
         Standard deviation of a reference's own pose, metres and radians.
     to_one_side : float64 (2,)
@@ -73,11 +73,11 @@ class SourceErrors:
     sharpness: float
     trials: int
 
-    def of_image(self, scatter: Float64) -> Float64:
-        """Covariance of a pose for what the image and the views show, float64 (3, 3), from that which its sectors give."""
+    def of_image(self, shown: Float64) -> Float64:
+        """Covariance of a pose for what the image shows, float64 (3, 3), from that which it shows but for a factor."""
         x, heading = np.sqrt(self.of_views)
         factors = np.array([x, x, heading])
-        return np.asarray(factors[:, None] * scatter * factors)
+        return np.asarray(factors[:, None] * shown * factors)
 
     def of_sources(self, weights: Float64, offsets: Float64) -> Float64:
         """Covariance of a pose for the sources that it was read off: float64 (3, 3), metres and radians.
@@ -116,6 +116,6 @@ class SourceErrors:
 
 
 #: Where nothing can be learnt: 2 cm and 0.5 degrees, as of references that were surveyed with a tape; views as in the rendered hall.
-UNKNOWN = SourceErrors(np.array([2.5, 2.0]), np.array([0.02, np.radians(0.5)]), np.zeros(2), 2.0, 0)
+UNKNOWN = SourceErrors(np.array([1.3, 1.2]), np.array([0.02, np.radians(0.5)]), np.zeros(2), 2.0, 0)
 #: What the image shows, and nothing more.
 NONE = SourceErrors(np.ones(2), np.zeros(2), np.zeros(2), 1.0, 0)

@@ -34,7 +34,7 @@ def test_rows_count_drives_and_images_and_hold_errors_against_claims(room, monke
     rows = {row["condition"]: row for row in table["rows"]}
     assert {"standing", "tilted", "poses off"} < set(rows)
     assert len(kept) == len(conditions)
-    assert rows["standing"]["images"] == 5 * 5 * rows["standing"]["drives"]
+    assert rows["standing"]["images"] == 16 * 5 * rows["standing"]["drives"]
     for row in rows.values():
         assert row["images"] >= row["drives"] >= 1
 
