@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 
@@ -100,3 +100,19 @@ class Memory(Kept):
     injected: int = 0
     way: float = 0.0
     seen: tuple[float, ...] | None = None
+
+    def before_image(self) -> Self:
+        """What was true of the last answer is what was known before this one."""
+        known = self.known or self.sure
+        return replace(self, known=known, expected=None, match=math.nan, place_votes=math.nan, resampled=False, injected=0)
+
+    def matched(self, match: float, slow: float, fast: float) -> Self:
+        """With how much of an image the prediction explained, in the running averages, too: they follow by these shares."""
+        slowly = match if math.isnan(self.match_slow) else self.match_slow + slow * (match - self.match_slow)
+        quickly = match if math.isnan(self.match_fast) else self.match_fast + fast * (match - self.match_fast)
+        return replace(self, match=match, match_slow=slowly, match_fast=quickly)
+
+    @property
+    def fallen(self) -> float:
+        """By what share images fit worse of late than they used to."""
+        return 1.0 - self.match_fast / self.match_slow if self.match_slow > 0.0 else 1.0

@@ -22,8 +22,8 @@ and third rows dual):
 So an image that contradicts the belief divides it in proportion k : d; the next one decides. Where the map is not calibrated,
 images do not know their doubt; then two running averages of how well they fit tell k (augmented MCL).
 
-Images in a row err alike: the measured pose is weighed for what is new about it (`filters/image_bias.py`), and votes for the share that
-the way driven makes new. An image that tells nothing new leaves the particles as they are, so standing still teaches nothing.
+Images in a row err alike: the measured pose is weighed for what is new about it (`filters/shared_error.py`), and votes for the share
+that the way driven makes new. An image that tells nothing new leaves the particles as they are, so standing still teaches nothing.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ from panoloc_mcl.robot.filters.base import Start
 from panoloc_mcl.robot.filters.blocks import BLOCK
 from panoloc_mcl.robot.filters.clusters import find_clusters
 from panoloc_mcl.robot.filters.estimate import Cluster, FilterState, Status
-from panoloc_mcl.robot.filters.image_bias import ImageBias, Seen, kept_share, new_share
 from panoloc_mcl.robot.filters.likelihood import Likelihood, Plan
 from panoloc_mcl.robot.filters.memory import Memory
 from panoloc_mcl.robot.filters.particle_set import ParticleSet, drawn_from
 from panoloc_mcl.robot.filters.prior import Prior, gaussian, uniform_density
+from panoloc_mcl.robot.filters.shared_error import Seen, SharedError, kept_share, new_share
 from panoloc_mcl.robot.filters.status import status_of
 from panoloc_mcl.robot.geometry import wrap_angle
 from panoloc_mcl.robot.kernels.weights import reweighted
@@ -57,7 +57,7 @@ from panoloc_mcl.robot.synthesis.spacing import usual_spacing
 
 Float64 = NDArray[np.float64]
 
-_FORM = "monte_carlo/3"
+_FORM = "monte_carlo/4"
 
 # Share of the weight that particles drawn from the first image get, when nothing is known.
 _DRAWN_AT_START = 0.9
@@ -85,7 +85,7 @@ class MonteCarloFilter:
     Attributes
     ----------
     memory : Memory
-        All that is remembered besides the particles and the bias of the images.
+        All that is remembered besides the particles and the error that images share.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class MonteCarloFilter:
         self.status_settings = status
         nothing_known = start.position is None and start.heading is None
         self.memory = Memory(int(rng.integers(2**63)), 0, nothing_known, float(settings.particles), vouched=not nothing_known)
-        self._bias: ImageBias | None = None
+        self._shared: SharedError | None = None
         self._answer: FilterState | None = None
         self._set = ParticleSet(drawn_from(start, places, settings.particles, self._next_step()), settings.threads)
 
@@ -147,18 +147,20 @@ class MonteCarloFilter:
             For a late image: the motion from the particles' time to the image's, with its noise. The particles are weighed where
             they were then.
         """
-        self._forget_last_image()
+        self.memory = self.memory.before_image()
         if votes.informative:
             rng = self._next_step()
             prior = self._predicted()
             image = self._likelihood(votes, offset, prior)
             fit = self._fit_of_particles(image, offset)
-            self._judge(fit)
+            recovery = self.settings.recovery
+            self.memory = self.memory.matched(self._set.mean(fit), recovery.slow, recovery.fast)
             image, seen = self._in_the_light_of_before(image, prior, offset)
             plan = self._plan(image, seen)
             if seen is not None and not seen.new and prior.clusters[0].mass > _ALONE:
                 explained = self._explained_without_news(image, prior, plan)
             else:
+                prior = prior if seen is None else self._widened(prior, seen, rng)
                 explained = self._weigh_predicted(image, prior, plan, fit)
                 explained += self._draw(image, prior, plan, offset, fit, rng)
                 self._set.normalise()
@@ -166,19 +168,6 @@ class MonteCarloFilter:
             effective, resampled = self._set.resample(self.settings, rng)
             self.memory = replace(self.memory, effective=effective, resampled=resampled)
         self._remember(votes)
-
-    def _forget_last_image(self) -> None:
-        """What was true of the last answer is what was known before this one."""
-        last = self.memory
-        self.memory = replace(
-            last,
-            known=last.known or last.sure,
-            expected=None,
-            match=math.nan,
-            place_votes=math.nan,
-            resampled=False,
-            injected=0,
-        )
 
     def _predicted(self) -> Prior:
         """The hypotheses before the image; if the last answer was sure, where odometry led from it is remembered."""
@@ -217,28 +206,29 @@ class MonteCarloFilter:
         self._set.blocks.each(read, len(seen_from))
         return out
 
-    def _judge(self, fit: Float64) -> None:
-        """How much of the best cell's likelihood the prediction explains, now and in the running averages."""
-        memory, recovery, match = self.memory, self.settings.recovery, self._set.mean(fit)
-        slow = match if math.isnan(memory.match_slow) else memory.match_slow + recovery.slow * (match - memory.match_slow)
-        fast = match if math.isnan(memory.match_fast) else memory.match_fast + recovery.fast * (match - memory.match_fast)
-        self.memory = replace(memory, match=match, match_slow=slow, match_fast=fast)
-
     def _in_the_light_of_before(self, image: Likelihood, prior: Prior, offset: Motion | None) -> tuple[Likelihood, Seen | None]:
-        """The image with its measured pose for what is new about it, and what became of the bias that images in a row share."""
+        """The image with its measured pose for what is new about it, and what became of the error that images in a row share."""
         measurement = image.votes.measurement
         if image.measured is None or measurement is None:
             return image, None
         pose, covariance = image.measured
-        if self._bias is None or not self.settings.correlated:
-            self._bias = ImageBias.of_first(pose, covariance)
+        if self._shared is None or not self.settings.correlated:
+            self._shared = SharedError(pose, covariance)
             return image, None
         way = self.memory.way + (0.0 if offset is None else offset.distance)
-        whole = find_clusters(self.poses, self.weights)[0] if way == 0.0 else None
-        seen = None if whole is None else self._bias.seen_again(whole, pose, covariance)
-        seen = seen or self._bias.seen(prior.clusters[0], pose, covariance, kept_share(measurement, way, self._spacing))
-        self._bias = seen.bias
-        return replace(image, measured=(seen.pose, seen.covariance)), seen
+        # Where the robot stands, particles far out are what an image has left to decide.
+        cluster = find_clusters(self.poses, self.weights)[0] if way == 0.0 else prior.clusters[0]
+        seen = self._shared.seen(cluster, pose, covariance, kept_share(measurement, way, self._spacing))
+        self._shared = seen.shared
+        return replace(image, measured=(pose, seen.covariance)), seen
+
+    def _widened(self, prior: Prior, seen: Seen, rng: np.random.Generator) -> Prior:
+        """The belief, wider by what it may share with the image."""
+        if not seen.widening.any():
+            return prior
+        self.poses[:] += rng.multivariate_normal(np.zeros(3), seen.widening, len(self.poses), method="cholesky")
+        self.poses[:, 2] = wrap_angle(self.poses[:, 2])
+        return prior.widened(seen.widening)
 
     def _plan(self, image: Likelihood, seen: Seen | None) -> Plan:
         """Chance that the robot is not where odometry led, before the image is seen, and who represents it."""
@@ -256,12 +246,11 @@ class MonteCarloFilter:
         return Plan(elsewhere, count - from_pose - from_votes, from_pose, from_votes)
 
     def _injection_share(self) -> float:
-        memory, recovery = self.memory, self.settings.recovery
-        fallen = 1.0 - memory.match_fast / memory.match_slow if memory.match_slow > 0.0 else 1.0
+        recovery, fallen = self.settings.recovery, self.memory.fallen
         share = min(max(fallen, recovery.min_share), recovery.max_share)
         if fallen > 0.5 and share > recovery.min_share:
             # The burst is on its way; judge it afresh instead of injecting for as long as the averages remember.
-            self.memory = replace(memory, match_fast=memory.match_slow)
+            self.memory = replace(self.memory, match_fast=self.memory.match_slow)
         return share
 
     def _explained_without_news(self, image: Likelihood, prior: Prior, plan: Plan) -> float:
@@ -373,8 +362,8 @@ class MonteCarloFilter:
     def snapshot(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """All that the next step depends on: arrays, and a header of plain values."""
         arrays = {"poses": self.poses, "log_weights": self.log_weights}
-        if self._bias is not None:
-            arrays["bias"] = self._bias.arrays()
+        if self._shared is not None:
+            arrays["shared"] = self._shared.arrays()
         return arrays, self.memory.header(_FORM)
 
     def restore(self, arrays: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) -> None:
@@ -389,6 +378,6 @@ class MonteCarloFilter:
         if poses.ndim != 2 or poses.shape != (len(log_weights), 3) or len(poses) == 0 or not np.isfinite(poses).all():
             raise ValueError(f"poses of shape {poses.shape} do not fit {len(log_weights)} weights, or are not finite")
         memory = Memory.of_header(header, _FORM)
-        bias = ImageBias.of_arrays(arrays["bias"]) if "bias" in arrays else None
+        shared = SharedError.of_arrays(arrays["shared"]) if "shared" in arrays else None
         self._set.restore(poses, log_weights)
-        self.memory, self._bias, self._answer = memory, bias, None
+        self.memory, self._shared, self._answer = memory, shared, None

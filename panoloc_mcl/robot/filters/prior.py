@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -44,6 +44,11 @@ class Prior:
         if total <= 0.0:
             step, some, total = 1, weights, 1.0
         return cls(find_clusters(poses[::step], some / total))
+
+    def widened(self, covariance: Float64) -> Self:
+        """The same with a likeliest hypothesis that is wider by a covariance."""
+        first, *others = self.clusters
+        return type(self)((replace(first, covariance=first.covariance + covariance), *others))
 
     def gap(self, count: int) -> float:
         """How far apart so many particles are, metres: spread of the hypotheses over the third root of the count."""

@@ -128,11 +128,11 @@ def test_values_of_another_type_are_refused(name: str, value: object) -> None:
         belief.restore(arrays, {**header, name: value})
 
 
-def test_a_bias_whose_covariance_is_none_is_refused() -> None:
+def test_a_shared_error_whose_covariance_is_none_is_refused() -> None:
     belief = a_filter("particles", True)
     step(belief, "drives", "here", False)
     arrays, header = belief.snapshot()
-    bad = arrays["bias"].copy()
-    bad[6] = -1.0
+    bad = arrays["shared"].copy()
+    bad[3] = -1.0
     with pytest.raises(ValueError, match="positive definite"):
-        belief.restore({**arrays, "bias": bad}, header)
+        belief.restore({**arrays, "shared": bad}, header)
