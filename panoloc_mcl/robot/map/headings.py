@@ -94,6 +94,8 @@ def with_headings(
         f"headings of {int(coarse.sum())} of {len(source)} references found from their images; turns between neighbours fit them to "
         f"{np.degrees(residual_sd):.1f} degrees{note}"
     )
+    if residual_sd > _OTHER_TURN:
+        told += "; their images are too unlike to tell: give theta in poses.csv, or take references nearer to each other"
     return replace(source, poses=poses, sds=all_sds), (told,)
 
 

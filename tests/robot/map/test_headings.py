@@ -90,6 +90,16 @@ def test_missing_headings_are_found_by_parallax_and_mended(turned: References, n
     assert off.max() < 1.5
 
 
+def test_headings_that_cannot_be_told_are_said_to_be_so(small_room: Dataset) -> None:
+    # A metre apart in a room of four, in pictures of four degrees a column.
+    given = replace(small_room.references, sds=sds(len(small_room.references), np.inf))
+    _, (note,) = with_headings(
+        replace(given, camera=given.camera.model_copy(update={"height_m": None})), VotesSettings(), MapSettings()
+    )
+    assert "all of them may be turned by one angle: give camera.height_m" in note
+    assert "too unlike to tell: give theta in poses.csv" in note
+
+
 def test_outlying_turns_are_outvoted() -> None:
     rng = np.random.default_rng(2)
     truth = wrap_angle(rng.uniform(-np.pi, np.pi, 30))
