@@ -133,7 +133,7 @@ def _maps(
     config: RunConfig, dataset: Dataset, row: Row, seed: int, progress: Progress
 ) -> tuple[dict[str, tuple[PanoramaMap, tuple[str, ...]]], list[int]]:
     """Maps of a row by name with what was said of them, and references that were grossly wrong."""
-    made = config.observation, config.seed, progress, config.map
+    made = (config.observation, config.seed, progress, config.map)
     if row.text in SURVEYS:
         poses, wrong = disturbed(row.text, dataset.references.poses, seed)
         built = PanoramaMap.build(replace(dataset, references=replace(dataset.references, poses=poses)), *made)
@@ -147,7 +147,10 @@ def _maps(
         if names == [_REFERENCES]:
             built = PanoramaMap.build(dataset, *made)
         else:
-            built = PanoramaMap.of_drives(dataset.name, drives_of(erring, names)[0], *made)
+            # What was stopped goes on.
+            unfinished = path.with_suffix(".unfinished")
+            built = PanoramaMap.of_drives(dataset.name, drives_of(erring, names)[0], *made, unfinished=unfinished)
+            unfinished.unlink(missing_ok=True)
         built.save(path)
         return built
 
@@ -156,7 +159,9 @@ def _maps(
         return {"": (built, built.notes)}, []
     base, later = row.drives
     before = of([base])
-    done = update_map(before, drives_of(erring, [later])[0], config.map, progress)
+    unfinished = _kept(config, dataset, row, seed, None, "unfinished")
+    done = update_map(before, drives_of(erring, [later])[0], config.map, progress, unfinished)
+    unfinished.unlink(missing_ok=True)
     maps = {f"of {base}": (before, ()), "updated": (done.panorama_map, done.notes), f"of {later} alone": (of([later]), ())}
     return maps, []
 
