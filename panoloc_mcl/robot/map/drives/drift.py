@@ -22,9 +22,9 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 # Turns that are tried, degrees a metre, evenly.
-_TRIED = np.linspace(-3.0, 3.0, 13)
+_TRIED = np.linspace(-3.0, 3.0, 7)
 # Keyframes that are looked at, each between the one before and the one after it.
-_MOST, _FEWEST = 24, 4
+_MOST, _FEWEST = 16, 4
 # Steps that turn by more tell nothing of what creeps in.
 _LARGEST_TURN = np.radians(25.0)
 # A turn is taken out where images fit better without it by so many standard errors.
