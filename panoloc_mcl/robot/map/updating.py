@@ -234,7 +234,8 @@ def _retired(panorama_map: PanoramaMap, seen: _Seen, added: Int64, usual: float)
     """Keyframes of the map that several new ones beside them, in the same light, do not fit, and that new ones replace."""
     references = panorama_map.references
     radius = _NEAR_IN_SPACINGS * Places(references.positions).spacing
-    contradicts = seen.agreement < _CONTRADICTS * usual
+    # A drive in another light fits less everywhere; what it contradicts, it fits less than the rest.
+    contradicts = seen.agreement < _CONTRADICTS * min(usual, float(np.nanmedian(seen.agreement)))
     gone = []
     for index, position in enumerate(references.positions):
         near = np.hypot(*(seen.poses[:, :2] - position).T) < radius

@@ -50,7 +50,10 @@ def judged_keyframes(keyframes: Keyframes, dataset: Dataset, wrong: Sequence[int
         A drive without ground truth.
     """
     truth = _truth(keyframes, dataset)
-    frame = fitted_motion(keyframes.poses, truth)
+    # A survey gives the frame, and later drives do not.
+    held = np.array([not drive for drive in keyframes.drives])
+    held = held if held.any() else np.ones(len(keyframes), dtype=np.bool_)
+    frame = fitted_motion(keyframes.poses[held], truth[held])
     own = np.array([drive == keyframes.drives[0] for drive in keyframes.drives])
     given = keyframes.given[own]
     edges = keyframes.edges
