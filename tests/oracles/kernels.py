@@ -61,21 +61,19 @@ def residual(weights, uniforms):
     return np.sort(np.r_[certain, pick(shares - np.floor(shares), np.sort(uniforms[:left]))]) if left else certain
 
 
-def cells_of(particles, origin_x, origin_y, cell, rows, turns):
-    x, y, theta = particles
-    column, row = np.floor((x - origin_x) / cell), np.floor((y - origin_y) / cell)
-    turn = np.floor(np.mod(theta + np.pi, 2.0 * np.pi) * turns / (2.0 * np.pi))
-    return ((column * rows + row) * turns + turn).astype(np.int64)
-
-
-def cell_moments(particles, weights, slots, centres, origin_x, origin_y, turns):
-    out = np.zeros((len(centres), 10))
-    width = 2.0 * np.pi / turns
-    for (px, py, theta), w, slot in zip(particles.T, weights, slots, strict=True):
-        x, y = px - origin_x - centres[slot, 0], py - origin_y - centres[slot, 1]
-        t = np.mod(theta + np.pi, width) - 0.5 * width
-        out[slot] += w * np.array([1.0, x, y, t, x * x, x * y, y * y, x * t, y * t, t * t])
-    return out
+def occupied_cells(poses, weights, cell, around):
+    """Poses (n, 3) in double precision, one after the other; the corner of the grid is that of the cell before the lowest."""
+    columns, rows = np.floor(poses[:, :2].T / cell).astype(np.int64)
+    turns = np.floor(np.mod(poses[:, 2], 2.0 * np.pi) * around / (2.0 * np.pi)).astype(np.int64)
+    first_column, first_row, high = columns.min() - 1, rows.min() - 1, rows.max() - rows.min() + 3
+    keys = ((columns - first_column) * high + (rows - first_row)) * around + turns
+    occupied = np.unique(keys)
+    out = np.zeros((len(occupied), 10))
+    for (x, y, theta), column, row, w, key in zip(poses, columns, rows, weights, keys, strict=True):
+        x, y = x - (column + 0.5) * cell, y - (row + 0.5) * cell
+        t = np.mod(theta, 2.0 * np.pi / around) - np.pi / around
+        out[np.searchsorted(occupied, key)] += w * np.array([1.0, x, y, t, x * x, x * y, y * y, x * t, y * t, t * t])
+    return occupied, out, first_column, first_row, high
 
 
 def merge_cells(labels, count, origins, moments):

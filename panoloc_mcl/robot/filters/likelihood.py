@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from panoloc_mcl.robot.compact_poses import CompactPoses
+from panoloc_mcl.robot.filters.blocks import BLOCK
+from panoloc_mcl.robot.filters.particle_set import ParticleSet
 from panoloc_mcl.robot.filters.prior import Prior, gaussian
+from panoloc_mcl.robot.kernels.weights import weigh
 from panoloc_mcl.robot.measurement import PoseMeasurement
 from panoloc_mcl.robot.motion import Motion, carried
 from panoloc_mcl.robot.observation.field import VoteField
 from panoloc_mcl.robot.settings.localizer import MonteCarloSettings
 
+Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
 # Cells so many standard deviations below the best add nothing to the mean of a field.
@@ -89,7 +95,7 @@ class Likelihood:
         deepest = np.float32(votes.peak.votes - _DEEPEST * votes.tolerance / math.sqrt(sharpness))
         flat = votes.votes[:: max(1, len(votes.headings) // _HEADINGS)].ravel()
         likely = flat[np.flatnonzero(flat >= deepest)]
-        mean = float(votes.likelihood(likely, sharpness).sum()) / flat.size
+        mean = float(votes.likelihood(likely, sharpness).sum(dtype=np.float64)) / flat.size
         doubt = max(settings.measured_doubt, votes.doubt)
         # Where an image knows its doubt, that is the least likelihood.
         floor = 0.0 if measured is None and not math.isnan(votes.confidence) else settings.floor
@@ -102,17 +108,20 @@ class Likelihood:
         """Whether the image knows its own doubt."""
         return not math.isnan(self.votes.confidence)
 
-    def by_votes(self, poses: Float64) -> Float64:
-        """By the votes at poses (n, 3) at the image's time, relative to the best cell: 1 at most (but for interpolation)."""
-        return self.votes.likelihood(self.votes.read(poses), self.sharpness, self.floor)
+    def by_votes(self, particles: CompactPoses, out: Float32) -> Float32:
+        """By the votes where particles were at the image's time, relative to the best cell: 1 at most (but for interpolation).
 
-    def wrong(self, fit: Float64) -> Float64:
-        """All of the likelihood but what the measured pose says, relative to its mean over the map, from `by_votes`."""
+        Into float32 (n,), which is returned.
+        """
+        self.votes.read_likelihood(particles, self.sharpness, self.floor, out)
+        return out
+
+    @property
+    def wrong(self) -> tuple[float, float]:
+        """All of the likelihood but what the measured pose says, relative to its mean over the map: slope and level over `by_votes`."""
         if self.measured is not None:
-            return fit * (self.doubt / self.mean)
-        values = fit * ((1.0 - self.doubt) / self.mean)
-        values += self.doubt
-        return values
+            return self.doubt / self.mean, 0.0
+        return (1.0 - self.doubt) / self.mean, self.doubt
 
     def at_measured(self, poses: Float64, prior: Prior) -> tuple[Float64, Float64]:
         """What the measured pose says at poses (n, 3), and what was expected, both relative to their mean over the map."""
@@ -155,3 +164,83 @@ class Plan:
         """The same of particles that were drawn from the measured pose."""
         ours, theirs = self.predicted * expected, self.from_pose * said
         return np.asarray(theirs * expected / np.maximum(ours + theirs, _TINY))
+
+
+def weigh_predicted(predicted: ParticleSet, image: Likelihood, prior: Prior, plan: Plan, fit: Float32) -> float:
+    """Multiply weights by the likelihood, of which ``fit`` (n,) is that by the votes; returns its mean.
+
+    The weights no longer sum to 1: against them, `Drawn` are weighed.
+    """
+    explained = np.zeros(-(-len(fit) // BLOCK))
+    slope, level = (part * (1.0 - plan.elsewhere) for part in image.wrong)
+
+    def multiply(block: slice) -> None:
+        weights = predicted.weights[block]
+        if plan.from_pose:
+            said = plan.predicted_part(*image.at_measured(predicted.particles[block].poses, prior))
+            weights *= slope * fit[block] + level + (1.0 - plan.elsewhere) * (1.0 - image.doubt) * said
+        else:
+            weigh(weights, fit[block], slope, level)
+        explained[block.start // BLOCK] = weights.sum()
+
+    predicted.blocks.each(multiply, len(fit))
+    return float(explained.sum())
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """Particles that are drawn from the image, in the place of others.
+
+    Parameters
+    ----------
+    where : int64 (m,)
+        Indices of the others. Evenly spread over all from a random start: like particles lie next to each other, so none of a kind
+        goes altogether.
+    left : float
+        Share of the belief that is not theirs: the weights of the rest grow no more, those of the drawn shrink.
+    """
+
+    where: NDArray[np.int64]
+    left: float
+
+    @classmethod
+    def of(cls, plan: Plan, particles: ParticleSet, rng: np.random.Generator) -> Self:
+        """Who makes room, while weights still are those before the image."""
+        count, drawn = len(particles), plan.from_pose + plan.from_votes
+        where = (np.arange(drawn) * count // max(drawn, 1) + int(rng.integers(count))) % count
+        return cls(where, max(1.0 - float(particles.weights[where].sum()), _TINY))
+
+    def put(
+        self,
+        into: ParticleSet,
+        image: Likelihood,
+        prior: Prior,
+        plan: Plan,
+        fit: Float32,
+        rng: np.random.Generator,
+        moved: Callable[..., CompactPoses],
+    ) -> float:
+        """Draw them; returns how much of the image those from the measured pose show to be as predicted.
+
+        ``moved(particles, back=...)`` brings particles to the time of a late image, or back from there.
+        """
+        particles, weights, drawn, explained = into.particles, into.weights, len(self.where), 0.0
+        by_votes = np.zeros(drawn, dtype=np.bool_)
+        by_votes[np.arange(plan.from_votes) * drawn // max(plan.from_votes, 1)] = True
+        if plan.from_votes:
+            where, then = self.where[by_votes], CompactPoses.of(image.votes.sample(plan.from_votes, rng), particles.origin)
+            fit[where] = image.by_votes(then, fit[where])
+            particles[where] = moved(then, back=True)
+            mass = plan.elsewhere * (image.doubt if plan.from_pose else 1.0 - image.doubt)
+            weights[where] = mass * self.left / plan.from_votes
+        if plan.from_pose:
+            assert image.measured is not None
+            where, poses = self.where[~by_votes], rng.multivariate_normal(*image.measured, plan.from_pose, method="cholesky")
+            right = (1.0 - image.doubt) / plan.from_pose
+            as_predicted = right * (1.0 - plan.elsewhere) * plan.drawn_part(*image.at_measured(poses, prior))
+            now = CompactPoses.of(poses, particles.origin)
+            particles[where] = now
+            weights[where] = (as_predicted + right * plan.elsewhere) * self.left
+            fit[where] = image.by_votes(moved(now, back=False), fit[where])
+            explained = float(as_predicted.sum())
+        return explained

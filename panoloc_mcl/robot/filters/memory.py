@@ -5,12 +5,12 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Self
 
 
 class Kept:
-    """Base of frozen dataclasses of plain values that go into the header of a saved state."""
+    """Base of dataclasses of plain values that go into the header of a saved state."""
 
     def header(self, form: str) -> dict[str, Any]:
         """Plain values, with the form that they are in."""
@@ -46,7 +46,7 @@ _TYPES: dict[str, Any] = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass
 class Memory(Kept):
     """Of the particle filter, besides the particles.
 
@@ -101,18 +101,26 @@ class Memory(Kept):
     way: float = 0.0
     seen: tuple[float, ...] | None = None
 
-    def before_image(self) -> Self:
+    def forget_last_image(self) -> None:
         """What was true of the last answer is what was known before this one."""
-        known = self.known or self.sure
-        return replace(self, known=known, expected=None, match=math.nan, place_votes=math.nan, resampled=False, injected=0)
+        self.known = self.known or self.sure
+        self.expected, self.match, self.place_votes = None, math.nan, math.nan
+        self.resampled, self.injected = False, 0
 
-    def matched(self, match: float, slow: float, fast: float) -> Self:
-        """With how much of an image the prediction explained, in the running averages, too: they follow by these shares."""
-        slowly = match if math.isnan(self.match_slow) else self.match_slow + slow * (match - self.match_slow)
-        quickly = match if math.isnan(self.match_fast) else self.match_fast + fast * (match - self.match_fast)
-        return replace(self, match=match, match_slow=slowly, match_fast=quickly)
+    def matched(self, match: float, slow: float, fast: float) -> None:
+        """Take down how much of an image the prediction explained; the running averages follow by these shares."""
+        self.match = match
+        self.match_slow, self.match_fast = _running(self.match_slow, match, slow), _running(self.match_fast, match, fast)
+
+    def explained(self, fit: float, share: float) -> None:
+        """Take down what the belief explains of an image once it has seen it; the running average follows by a share."""
+        self.fit = _running(self.fit, fit, share)
 
     @property
     def fallen(self) -> float:
         """By what share images fit worse of late than they used to."""
         return 1.0 - self.match_fast / self.match_slow if self.match_slow > 0.0 else 1.0
+
+
+def _running(average: float, value: float, share: float) -> float:
+    return value if math.isnan(average) else average + share * (value - average)

@@ -31,40 +31,40 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from panoloc_mcl.robot.compact_poses import CompactPoses
 from panoloc_mcl.robot.filters.base import Start
-from panoloc_mcl.robot.filters.blocks import BLOCK
 from panoloc_mcl.robot.filters.clusters import find_clusters
 from panoloc_mcl.robot.filters.estimate import Cluster, FilterState, Status
-from panoloc_mcl.robot.filters.likelihood import Likelihood, Plan
+from panoloc_mcl.robot.filters.likelihood import Drawn, Likelihood, Plan, weigh_predicted
 from panoloc_mcl.robot.filters.memory import Memory
 from panoloc_mcl.robot.filters.particle_set import ParticleSet, drawn_from
 from panoloc_mcl.robot.filters.prior import Prior, gaussian, uniform_density
 from panoloc_mcl.robot.filters.shared_error import Seen, SharedError, kept_share, new_share
 from panoloc_mcl.robot.filters.status import status_of
-from panoloc_mcl.robot.geometry import wrap_angle
-from panoloc_mcl.robot.kernels.weights import reweighted
 from panoloc_mcl.robot.motion import Motion
 from panoloc_mcl.robot.observation.field import VoteField
 from panoloc_mcl.robot.observation.places import Places
 from panoloc_mcl.robot.settings.localizer import MonteCarloSettings, StatusSettings
 from panoloc_mcl.robot.synthesis.spacing import usual_spacing
 
+Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
-_FORM = "monte_carlo/4"
+_FORM = "monte_carlo/5"
+# Poses in double precision and logarithms of weights; the older also kept the error that images share in another way.
+_FORMS_BEFORE = ("monte_carlo/4", "monte_carlo/3")
 
 # Share of the weight that particles drawn from the first image get, when nothing is known.
 _DRAWN_AT_START = 0.9
 # A hypothesis with this share of the weight stands alone: an image that tells nothing new of it has nothing to decide.
 _ALONE = 0.98
 _LEAST_WAY_M = 1e-6
-_TINY = float(np.finfo(np.float64).tiny)
 
 
 class MonteCarloFilter:
@@ -102,35 +102,34 @@ class MonteCarloFilter:
 
     @property
     def poses(self) -> Float64:
-        """Of the particles, float64 (n, 3)."""
-        return self._set.poses
+        """Of the particles, float64 (n, 3), a copy."""
+        return self._set.particles.poses
 
     @property
-    def log_weights(self) -> Float64:
-        """Up to a constant, float64 (n,)."""
-        return self._set.log_weights
-
-    @property
-    def weights(self) -> Float64:
-        """Shares of 1, float64 (n,)."""
+    def weights(self) -> Float32:
+        """Shares of 1, float32 (n,)."""
         return self._set.weights
 
     def _next_step(self) -> np.random.Generator:
         """Random numbers of the next step of the filter, whatever was drawn before."""
-        self.memory = replace(self.memory, step=self.memory.step + 1)
+        self.memory.step += 1
         return np.random.Generator(np.random.Philox(key=self.memory.key, counter=[0, 0, 0, self.memory.step]))
 
     def propagate(self, motion: Motion) -> None:
         """Move every particle by odometry with noise; without motion nothing changes at all."""
         if not motion.stands:
             # Who has moved at all has not stood.
-            self.memory = replace(self.memory, way=self.memory.way + max(motion.distance, _LEAST_WAY_M))
+            self.memory.way += max(motion.distance, _LEAST_WAY_M)
             self._answer = None
-            self._move(self.poses, motion)
+            self._move(self._set.particles, motion)
 
-    def _move(self, poses: Float64, motion: Motion) -> Float64:
-        self.memory = replace(self.memory, step=self.memory.step + 1)
-        return self._set.moved(poses, motion, self.memory.key, self.memory.step)
+    def _move(self, particles: CompactPoses, motion: Motion) -> CompactPoses:
+        self.memory.step += 1
+        return self._set.moved(particles, motion, self.memory.key, self.memory.step)
+
+    def _move_by(self, offset: Motion | None, particles: CompactPoses, *, back: bool) -> CompactPoses:
+        """From the particles' time to a late image's, or back."""
+        return particles if offset is None else self._move(particles, offset.reversed() if back else offset)
 
     def heading_hypotheses(self, offset: Motion | None) -> None:
         """Particles look at all headings."""
@@ -147,34 +146,35 @@ class MonteCarloFilter:
             For a late image: the motion from the particles' time to the image's, with its noise. The particles are weighed where
             they were then.
         """
-        self.memory = self.memory.before_image()
+        self.memory.forget_last_image()
         if votes.informative:
             rng = self._next_step()
             prior = self._predicted()
             image = self._likelihood(votes, offset, prior)
             fit = self._fit_of_particles(image, offset)
             recovery = self.settings.recovery
-            self.memory = self.memory.matched(self._set.mean(fit), recovery.slow, recovery.fast)
+            self.memory.matched(self._set.mean(fit), recovery.slow, recovery.fast)
             image, seen = self._in_the_light_of_before(image, prior, offset)
             plan = self._plan(image, seen)
             if seen is not None and not seen.new and prior.clusters[0].mass > _ALONE:
                 explained = self._explained_without_news(image, prior, plan)
             else:
                 prior = prior if seen is None else self._widened(prior, seen, rng)
-                explained = self._weigh_predicted(image, prior, plan, fit)
-                explained += self._draw(image, prior, plan, offset, fit, rng)
+                drawn = Drawn.of(plan, self._set, rng)
+                explained = weigh_predicted(self._set, image, prior, plan, fit)
+                explained += drawn.put(self._set, image, prior, plan, fit, rng, partial(self._move_by, offset))
+                self.memory.injected = len(drawn.where)
                 self._set.normalise()
             self._judge_posterior(fit, plan, explained)
-            effective, resampled = self._set.resample(self.settings, rng)
-            self.memory = replace(self.memory, effective=effective, resampled=resampled)
+            self.memory.effective, self.memory.resampled = self._set.resample(self.settings, rng)
         self._remember(votes)
 
     def _predicted(self) -> Prior:
         """The hypotheses before the image; if the last answer was sure, where odometry led from it is remembered."""
-        prior = Prior.of(self.poses, self.weights)
+        prior = Prior.of(self._set.particles, self.weights)
         if self.memory.sure:
             best = prior.clusters[0]
-            self.memory = replace(self.memory, expected=(*best.pose.tolist(), best.spread_m, best.spread_deg))
+            self.memory.expected = (*best.pose.tolist(), best.spread_m, best.spread_deg)
         return prior
 
     def _likelihood(self, votes: VoteField, offset: Motion | None, prior: Prior) -> Likelihood:
@@ -184,7 +184,7 @@ class MonteCarloFilter:
             way = math.hypot(*(votes.best_pose - np.array(memory.seen))[:2].tolist())
             way = max(way, memory.way, 0.0 if offset is None else offset.distance)
             new = new_share(way, self._spacing)
-        return Likelihood.of(votes, offset, prior.gap(len(self.poses)), self._uniform, self.settings, new)
+        return Likelihood.of(votes, offset, prior.gap(len(self._set)), self._uniform, self.settings, new)
 
     @cached_property
     def _uniform(self) -> float:
@@ -195,15 +195,11 @@ class MonteCarloFilter:
         references = self.places.references
         return usual_spacing(self.places.positions if references is None else references)
 
-    def _fit_of_particles(self, image: Likelihood, offset: Motion | None) -> Float64:
-        """Likelihood by the votes alone, float64 (n,), where the particles were when the image was taken."""
-        seen_from = self.poses if offset is None else self._move(self.poses.copy(order="K"), offset)
-        out = np.empty(len(seen_from))
-
-        def read(block: slice) -> None:
-            out[block] = image.by_votes(seen_from[block])
-
-        self._set.blocks.each(read, len(seen_from))
+    def _fit_of_particles(self, image: Likelihood, offset: Motion | None) -> Float32:
+        """Likelihood by the votes alone, float32 (n,), where the particles were when the image was taken."""
+        seen_from = self._set.particles if offset is None else self._move_by(offset, self._set.particles.copy(), back=False)
+        out = np.empty(len(seen_from), dtype=np.float32)
+        self._set.blocks.each(lambda block: image.by_votes(seen_from[block], out[block]), len(seen_from))
         return out
 
     def _in_the_light_of_before(self, image: Likelihood, prior: Prior, offset: Motion | None) -> tuple[Likelihood, Seen | None]:
@@ -217,7 +213,7 @@ class MonteCarloFilter:
             return image, None
         way = self.memory.way + (0.0 if offset is None else offset.distance)
         # Where the robot stands, particles far out are what an image has left to decide.
-        cluster = find_clusters(self.poses, self.weights)[0] if way == 0.0 else prior.clusters[0]
+        cluster = find_clusters(self._set.particles, self.weights)[0] if way == 0.0 else prior.clusters[0]
         seen = self._shared.seen(cluster, pose, covariance, kept_share(measurement, way, self._spacing))
         self._shared = seen.shared
         return replace(image, measured=(pose, seen.covariance)), seen
@@ -226,13 +222,13 @@ class MonteCarloFilter:
         """The belief, wider by what it may share with the image."""
         if not seen.widening.any():
             return prior
-        self.poses[:] += rng.multivariate_normal(np.zeros(3), seen.widening, len(self.poses), method="cholesky")
-        self.poses[:, 2] = wrap_angle(self.poses[:, 2])
+        noise = rng.multivariate_normal(np.zeros(3), seen.widening, len(self._set), method="cholesky")
+        self._set.particles[:] = CompactPoses.of(self.poses + noise, self._set.particles.origin)
         return prior.widened(seen.widening)
 
     def _plan(self, image: Likelihood, seen: Seen | None) -> Plan:
         """Chance that the robot is not where odometry led, before the image is seen, and who represents it."""
-        recovery, count = self.settings.recovery, len(self.poses)
+        recovery, count = self.settings.recovery, len(self._set)
         from_pose = 0 if image.measured is None else int(self.settings.measured_share * count)
         if recovery.max_share == 0.0:
             return Plan(0.0, count - from_pose, from_pose, 0)
@@ -250,7 +246,7 @@ class MonteCarloFilter:
         share = min(max(fallen, recovery.min_share), recovery.max_share)
         if fallen > 0.5 and share > recovery.min_share:
             # The burst is on its way; judge it afresh instead of injecting for as long as the averages remember.
-            self.memory = replace(self.memory, match_fast=self.memory.match_slow)
+            self.memory.match_fast = self.memory.match_slow
         return share
 
     def _explained_without_news(self, image: Likelihood, prior: Prior, plan: Plan) -> float:
@@ -260,82 +256,33 @@ class MonteCarloFilter:
         said = float(gaussian(best.pose[None], image.measured[0], image.measured[1] + best.covariance)[0]) / image.uniform
         return (1.0 - plan.elsewhere) * ((1.0 - image.doubt) * said + image.doubt)
 
-    def _weigh_predicted(self, image: Likelihood, prior: Prior, plan: Plan, fit: Float64) -> float:
-        """Multiply the weights by the likelihood; returns its mean, with what is to be drawn counted out."""
-        explained = np.zeros(-(-len(fit) // BLOCK))
-        # Log-weights become those of weights that summed to 1 before the image, times what all have in common.
-        shift = float(self.log_weights.max()) - math.log(float(self.weights.max()) * max(1.0 - plan.elsewhere, _TINY))
-
-        def weigh(block: slice) -> None:
-            values = image.wrong(fit[block])
-            if plan.from_pose:
-                values += (1.0 - image.doubt) * plan.predicted_part(*image.at_measured(self.poses[block], prior))
-            explained[block.start // BLOCK] = self.weights[block] @ values
-            self.log_weights[block] = reweighted(self.log_weights[block], values, shift)
-
-        self._set.blocks.each(weigh, len(fit))
-        return (1.0 - plan.elsewhere) * float(sum(explained))
-
-    def _draw(
-        self, image: Likelihood, prior: Prior, plan: Plan, offset: Motion | None, fit: Float64, rng: np.random.Generator
-    ) -> float:
-        """Draw particles from the image in the place of others; returns how much of the image those show to be as predicted."""
-        count, drawn, explained = len(self.poses), plan.from_pose + plan.from_votes, 0.0
-        # Evenly spread over all from a random start: like particles lie next to each other, so none of a kind goes altogether.
-        replaced = (np.arange(drawn) * count // max(drawn, 1) + int(rng.integers(count))) % count
-        by_votes = np.zeros(drawn, dtype=np.bool_)
-        by_votes[np.arange(plan.from_votes) * drawn // max(plan.from_votes, 1)] = True
-        # Replacing particles must not raise the weights of those that remain, so the drawn ones are scaled by the remaining weight.
-        left = max(1.0 - float(self.weights[replaced].sum()), _TINY)
-        if plan.from_votes:
-            where, poses = replaced[by_votes], image.votes.sample(plan.from_votes, rng)
-            fit[where] = image.by_votes(poses)
-            if offset is not None:
-                poses = self._move(np.asarray(poses, order="F"), offset.reversed())
-            self.poses[where] = poses
-            mass = plan.elsewhere * (image.doubt if plan.from_pose else 1.0 - image.doubt)
-            self.log_weights[where] = math.log(max(mass * left / plan.from_votes, _TINY))
-        if plan.from_pose:
-            assert image.measured is not None
-            where, poses = replaced[~by_votes], rng.multivariate_normal(*image.measured, plan.from_pose, method="cholesky")
-            poses[:, 2] = wrap_angle(poses[:, 2])
-            right = (1.0 - image.doubt) / plan.from_pose
-            as_predicted = right * (1.0 - plan.elsewhere) * plan.drawn_part(*image.at_measured(poses, prior))
-            self.poses[where] = poses
-            self.log_weights[where] = np.log(np.maximum((as_predicted + right * plan.elsewhere) * left, _TINY))
-            fit[where] = image.by_votes(poses if offset is None else self._move(np.asarray(poses, order="F"), offset))
-            explained = float(as_predicted.sum())
-        self.memory = replace(self.memory, injected=drawn)
-        return explained
-
-    def _judge_posterior(self, likelihood: Float64, plan: Plan, explained: float) -> None:
+    def _judge_posterior(self, likelihood: Float32, plan: Plan, explained: float) -> None:
         """Whether odometry led here, and the running share of the best votes that the belief explains once it has seen the image.
 
         Before the image a wide belief explains little, too, for instance after a long way without images.
         """
-        memory, fit = self.memory, self._set.mean(likelihood)
-        running = fit if math.isnan(memory.fit) else memory.fit + self.settings.recovery.fast * (fit - memory.fit)
+        memory = self.memory
+        memory.explained(self._set.mean(likelihood), self.settings.recovery.fast)
         # How much more the image is explained by where odometry led than by anywhere else.
-        elsewhere = 0.0 if memory.nothing_known else plan.elsewhere / (plan.elsewhere + explained)
-        self.memory = replace(memory, fit=running, elsewhere=elsewhere, nothing_known=False)
+        memory.elsewhere = 0.0 if memory.nothing_known else plan.elsewhere / (plan.elsewhere + explained)
+        memory.nothing_known = False
 
     def _remember(self, votes: VoteField) -> None:
         """What the next image needs to know of this one."""
-        clusters = find_clusters(self.poses, self.weights)
+        clusters = find_clusters(self._set.particles, self.weights)
         if votes.informative:
-            place_votes = float(votes.read(clusters[0].pose[None])[0])
-            seen = tuple(votes.best_pose.tolist())
             memory = self.memory
+            memory.place_votes = float(votes.read(clusters[0].pose[None])[0])
+            memory.seen, memory.way = tuple(votes.best_pose.tolist()), 0.0
             confident = math.isnan(votes.confidence) or votes.confidence >= self.status_settings.converged_confidence
-            vouched = confident or (memory.vouched and (memory.sure or not memory.known))
-            self.memory = replace(memory, place_votes=place_votes, seen=seen, way=0.0, vouched=vouched)
+            memory.vouched = confident or (memory.vouched and (memory.sure or not memory.known))
         self._answer = self._judged(clusters)
-        self.memory = replace(self.memory, sure=self._answer.status is Status.CONVERGED)
+        self.memory.sure = self._answer.status is Status.CONVERGED
 
     def state(self) -> FilterState:
         """Clusters, status and the figures behind it; asking changes nothing."""
         if self._answer is None:
-            self._answer = self._judged(find_clusters(self.poses, self.weights))
+            self._answer = self._judged(find_clusters(self._set.particles, self.weights))
         return self._answer
 
     def _judged(self, clusters: tuple[Cluster, ...]) -> FilterState:
@@ -348,7 +295,7 @@ class MonteCarloFilter:
             match=memory.match,
             best_place=self.places.nearest_reference(clusters[0].pose[:2]),
             best_place_votes=memory.place_votes,
-            particle_count=len(self.poses),
+            particle_count=len(self._set),
             injected=memory.injected,
             effective_count=memory.effective,
             resampled=memory.resampled,
@@ -356,28 +303,26 @@ class MonteCarloFilter:
         )
 
     def particles(self) -> tuple[Float64, Float64]:
-        """Poses (n, 3) and weights (n,), as the filter works on them."""
-        return self.poses, self.weights
+        """Poses (n, 3) and weights (n,), copies."""
+        return self.poses, self.weights.astype(np.float64)
 
     def snapshot(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """All that the next step depends on: arrays, and a header of plain values."""
-        arrays = {"poses": self.poses, "log_weights": self.log_weights}
+        arrays = self._set.arrays()
         if self._shared is not None:
             arrays["shared"] = self._shared.arrays()
         return arrays, self.memory.header(_FORM)
 
     def restore(self, arrays: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) -> None:
-        """Take over what `snapshot` gave.
+        """Take over what `snapshot` gave, of this version or of one before.
 
         Raises
         ------
         KeyError, ValueError
             Something is missing, of another form, or of another shape.
         """
-        poses, log_weights = arrays["poses"], arrays["log_weights"]
-        if poses.ndim != 2 or poses.shape != (len(log_weights), 3) or len(poses) == 0 or not np.isfinite(poses).all():
-            raise ValueError(f"poses of shape {poses.shape} do not fit {len(log_weights)} weights, or are not finite")
-        memory = Memory.of_header(header, _FORM)
+        form = header.get("form")
+        kept = (ParticleSet.of_the_form_before if form in _FORMS_BEFORE else ParticleSet.of_arrays)(arrays, self._set)
+        memory = Memory.of_header(header, form if form in _FORMS_BEFORE else _FORM)
         shared = SharedError.of_arrays(arrays["shared"]) if "shared" in arrays else None
-        self._set.restore(poses, log_weights)
-        self.memory, self._shared, self._answer = memory, shared, None
+        self._set, self.memory, self._shared, self._answer = kept, memory, shared, None

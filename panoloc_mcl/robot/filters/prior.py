@@ -9,11 +9,13 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from panoloc_mcl.robot.compact_poses import CompactPoses
 from panoloc_mcl.robot.filters.clusters import find_clusters
 from panoloc_mcl.robot.filters.estimate import Cluster
 from panoloc_mcl.robot.geometry import angle_difference
 from panoloc_mcl.robot.observation.places import Places
 
+Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
 # Particles that the hypotheses are found among: many enough for their moments, few enough to cost nothing.
@@ -36,14 +38,14 @@ class Prior:
     clusters: tuple[Cluster, ...]
 
     @classmethod
-    def of(cls, poses: Float64, weights: Float64) -> Self:
-        """From particles (n, 3) and their weights (n,), of which every so many-th is looked at."""
-        step = -(-len(poses) // _LOOKED_AT)
+    def of(cls, particles: CompactPoses, weights: Float32) -> Self:
+        """From particles and their weights (n,), of which every so many-th is looked at."""
+        step = -(-len(particles) // _LOOKED_AT)
         some = weights[::step]
         total = float(some.sum())
         if total <= 0.0:
             step, some, total = 1, weights, 1.0
-        return cls(find_clusters(poses[::step], some / total))
+        return cls(find_clusters(particles[::step], some / np.float32(total)))
 
     def widened(self, covariance: Float64) -> Self:
         """The same with a likeliest hypothesis that is wider by a covariance."""

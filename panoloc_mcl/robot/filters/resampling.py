@@ -1,4 +1,4 @@
-"""Weights from log-weights, which particles go on, and how many (pure functions of arrays)."""
+"""Weights that sum to 1, which particles go on, and how many (functions of arrays)."""
 
 from __future__ import annotations
 
@@ -9,16 +9,15 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.robot.filters.blocks import BLOCK
 from panoloc_mcl.robot.kernels import resampling as kernels
-from panoloc_mcl.robot.kernels.weights import exponentials
+from panoloc_mcl.robot.kernels.weights import scale
 from panoloc_mcl.robot.settings.localizer import AdaptiveSettings
 
-Float64 = NDArray[np.float64]
+Float32 = NDArray[np.float32]
 Int64 = NDArray[np.int64]
 
 #: By the name of the scheme: (weights, count, rng) to ``count`` indices in rising order.
-SCHEMES: dict[str, Callable[[Float64, int, np.random.Generator], Int64]] = {
+SCHEMES: dict[str, Callable[[Float32, int, np.random.Generator], Int64]] = {
     "systematic": lambda weights, count, rng: kernels.systematic(weights, rng.random(), count),
     "stratified": lambda weights, count, rng: kernels.stratified(weights, rng.random(count)),
     "residual": lambda weights, count, rng: kernels.residual(weights, rng.random(count)),
@@ -26,28 +25,16 @@ SCHEMES: dict[str, Callable[[Float64, int, np.random.Generator], Int64]] = {
 }
 
 
-def normalised(log_weights: Float64) -> Float64:
-    """Weights that sum to 1, float64 (n,). Where no particle has any weight at all, all are equal."""
-    weights = log_weights.copy()
-    normalise(weights, weights)
-    return weights
-
-
-def normalise(log_weights: Float64, weights: Float64) -> None:
-    """The same in place: log-weights are shifted so that the greatest is 0, and ``weights`` is filled (it may be the same array)."""
-    top = log_weights.max()
-    if not math.isfinite(top):
-        log_weights.fill(0.0)
+def normalise(weights: Float32) -> None:
+    """Make weights sum to 1, in place. Where no particle has any weight at all, all become equal."""
+    total = float(weights.sum())
+    if total > 0.0 and math.isfinite(total):
+        scale(weights, 1.0 / total)
+    else:
         weights.fill(1.0 / len(weights))
-        return
-    for start in range(0, len(weights), BLOCK):
-        block = slice(start, start + BLOCK)
-        log_weights[block] -= top
-        weights[block] = exponentials(log_weights[block])
-    weights /= weights.sum()
 
 
-def effective_count(weights: Float64) -> float:
+def effective_count(weights: Float32) -> float:
     """N_eff = 1 / sum of the squares of weights that sum to 1: their number if all are equal, 1 if one has it all."""
     return min(float(1.0 / np.dot(weights, weights)), float(len(weights)))
 

@@ -12,27 +12,31 @@ from typing import Any
 import numpy as np
 
 
-def _particles(count: int = 4) -> Any:
-    return np.zeros((3, count))
+def _particles(count: int = 4) -> tuple[Any, ...]:
+    return np.zeros(count, dtype=np.float32), np.zeros(count, dtype=np.float32), np.zeros(count, dtype=np.uint32)
 
 
-def _propagate() -> tuple[Any, ...]:
-    return _particles(), 0.1, 0.2, 0.0, 0.1, 0.01, 0.01, 0.01, 0.01, 1, 2, 0, 4
+def _predict() -> tuple[Any, ...]:
+    return *_particles(), np.array([0.1, 0.2, 0.0, 0.1]), np.full(4, 0.01), 1, 2, 0, 4
 
 
 def _read_field() -> tuple[Any, ...]:
     scores = np.ones((8, 2), dtype=np.float32)
     neighbours = np.zeros((4, 1), dtype=np.int32)
     weights = np.ones((4, 1), dtype=np.float32)
-    return _particles(), scores, neighbours, weights, -1.0, -1.0, 1.0, 2, 2
+    return *_particles(), scores, neighbours, weights, -1.0, -1.0, 1.0, 2, 2
 
 
-def _cell_moments() -> tuple[Any, ...]:
-    return _particles(), np.ones(4), np.zeros(4, dtype=np.int64), np.zeros(1, dtype=np.int64), np.zeros((1, 2)), 0.0, 0.0, 24
+def _grid() -> tuple[Any, ...]:
+    return *_particles(), np.ones(4, dtype=np.float32), *np.zeros(4, dtype=np.float32), 0.4, 24
+
+
+def _where_to_look() -> tuple[Any, ...]:
+    return *_particles(), 8, -1.0, -1.0, 1.0, 2, 2, _integers(), _words(), _numbers()
 
 
 def _weights_and_uniforms() -> tuple[Any, ...]:
-    return np.ones(4), np.full(4, 0.5)
+    return np.ones(4, dtype=np.float32), np.full(4, 0.5)
 
 
 def _solve_positive() -> tuple[Any, ...]:
@@ -55,6 +59,10 @@ def _numbers(count: int = 4) -> Any:
 
 def _integers(count: int = 4) -> Any:
     return np.arange(count, dtype=np.int32)
+
+
+def _words() -> Any:
+    return np.zeros(4, dtype=np.uint32)
 
 
 def _flags() -> Any:
@@ -107,27 +115,41 @@ def _normal_equations() -> tuple[Any, ...]:
 
 #: By ``module.kernel``: the arguments of one call.
 EXAMPLES: dict[str, Callable[[], tuple[Any, ...]]] = {
-    "elementary.exponential": lambda: (0.5,),
-    "elementary.logarithm": lambda: (0.5,),
-    "elementary.sine_cosine": lambda: (0.5,),
-    "elementary.small_whole": lambda: (np.uint64(5),),
+    "elementary.exponential": lambda: (np.float32(0.5),),
+    "elementary.logarithm": lambda: (np.float32(0.5),),
+    "elementary.sine_cosine": lambda: (np.uint64(5),),
     "gradients.normalised_gradients": _normalised_gradients,
     "gradients.plain_gradients": lambda: _normalised_gradients()[:3],
-    "particles.cell_moments": _cell_moments,
-    "particles.cells_of": lambda: (_particles(), -1.0, -1.0, 0.4, 5, 24, 600),
-    "particles.link_cells": lambda: (np.array([9, 10]), np.ones(2, dtype=np.bool_), 5, 3),
-    "particles.merge_cells": lambda: (np.zeros(2, dtype=np.int64), 1, np.zeros((2, 3)), np.ones((2, 10))),
-    "particles.propagate": _propagate,
+    "hypotheses.add_moments": lambda: (
+        np.zeros(4, dtype=np.int64),
+        _numbers(),
+        np.zeros((3, 4), dtype=np.float32),
+        np.zeros(20),
+    ),
+    "hypotheses.keys_of": lambda: (np.zeros((3, 4), dtype=np.int32), 0, 0, 5, 24, np.zeros(4, dtype=np.int64)),
+    "hypotheses.hypotheses": lambda: (*_grid(), 0.01),
+    "hypotheses.in_cells": lambda: (*_particles(), 0.4, 24, np.zeros((3, 4), dtype=np.int32), np.zeros((3, 4), np.float32)),
+    "hypotheses.link_cells": lambda: (np.array([9, 10]), np.ones(2, dtype=np.bool_), 5, 3),
+    "hypotheses.merge_cells": lambda: (np.zeros(2, dtype=np.int64), 1, np.zeros((2, 3)), np.ones((2, 10))),
+    "hypotheses.occupied_cells": _grid,
+    "hypotheses.slots_of": lambda: (np.zeros(4, dtype=np.int64), 4, _integers(1) - 1, np.zeros(1, dtype=np.int64), 0),
+    "particles.likelihoods_there": lambda: (*_read_field(), 1.0, 0.5, 1.0, 0.01, _numbers()),
+    "particles.look": lambda: (*_read_field()[3:6], _integers(), _words(), _numbers(), _numbers()),
+    "particles.predict": _predict,
     "particles.read_field": _read_field,
+    "particles.take": lambda: (*_particles(), np.arange(3), *_particles(3)),
+    "particles.turn_and_drive": lambda: (*_particles(), np.zeros((4, 4), dtype=np.float32), np.zeros(4), np.zeros(4)),
+    "particles.where_to_look": _where_to_look,
     "random.normal_pair": lambda: (np.uint64(1), np.uint64(2)),
     "random.philox": lambda: tuple(np.uint64(word) for word in range(6)),
+    "random.normal_pairs": lambda: (_words(), _words(), _numbers(), _numbers(), 4),
     "random.normals": lambda: (1, 2, 3, 0, 4),
+    "random.words_of": lambda: (1, 2, 3, 0, 4, np.zeros((4, 4), dtype=np.uint32)),
     "resampling.multinomial": _weights_and_uniforms,
     "resampling.pick": _weights_and_uniforms,
     "resampling.residual": _weights_and_uniforms,
     "resampling.stratified": _weights_and_uniforms,
-    "resampling.systematic": lambda: (np.ones(4), 0.5, 4),
-    "resampling.taken": lambda: (np.ones(4), np.arange(3)),
+    "resampling.systematic": lambda: (np.ones(4, dtype=np.float32), 0.5, 4),
     "selection.count_up_to": lambda: (_integers(), np.int32(2)),
     "selection.leave_out": lambda: (_integers(), 2, 0, _integers(5)),
     "selection.limit_of_smallest": lambda: (_integers(), 2, 1 << 29),
@@ -147,9 +169,10 @@ EXAMPLES: dict[str, Callable[[], tuple[Any, ...]]] = {
     "alignment.normal_equations": _normal_equations,
     "alignment.sector_pulls": lambda: (*_normal_equations(), 4),
     "warping.warp_table": _warp_table,
-    "weights.exponentials": lambda: (np.zeros(4),),
     "weights.likelihoods": lambda: (_numbers(), 1.0, 0.5, 1.0, 0.01),
-    "weights.reweighted": lambda: (np.zeros(4), np.ones(4), 0.0),
+    "weights.scale": lambda: (_numbers(), 0.5),
+    "weights.to_likelihoods": lambda: (_numbers(), 1.0, 0.5, 1.0, 0.01),
+    "weights.weigh": lambda: (_numbers(), _numbers(), 0.5, 0.01),
 }
 
 

@@ -13,15 +13,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.robot.kernels.elementary import logarithm, sine_cosine, small_whole
+from panoloc_mcl.robot.kernels.elementary import logarithm, sine_cosine
 from panoloc_mcl.robot.kernels.jit import inlined, vector_kernel
 
-Float64 = NDArray[np.float64]
+Float32 = NDArray[np.float32]
+UInt32 = NDArray[np.uint32]
 # A 32-bit word; the compiler multiplies vectors of these only if they are held in 64 bits.
 Word = np.uint64
 
 _WORD = 0xFFFFFFFF
-_TURN = 2.0 * np.pi / 2.0**32
+_HALF, _OF_31_BITS, _MINUS_TWO = np.float32(0.5), np.float32(2.0**-31), np.float32(-2.0)
 
 
 @inlined
@@ -42,16 +43,35 @@ def philox(c0: Word, c1: Word, c2: Word, c3: Word, k0: Word, k1: Word) -> tuple[
 
 
 @inlined
-def normal_pair(one: Word, other: Word) -> tuple[float, float]:
-    """Two standard normal numbers of two random 32-bit words (Box & Muller 1958); none is beyond 6.8."""
-    # Half a step up, so that no logarithm is of zero.
-    radius = np.sqrt(-2.0 * logarithm((small_whole(one) + 0.5) * 2.0**-32))
-    s, c = sine_cosine(small_whole(other) * _TURN)
+def normal_pair(one: Word, other: Word) -> tuple[np.float32, np.float32]:
+    """Two standard normal float32 numbers of two random 32-bit words (Box & Muller 1958); none is beyond 6.7."""
+    # Half a step up, so that no logarithm is of zero; of 31 bits, because few processors convert the 32nd.
+    radius = np.sqrt(_MINUS_TWO * logarithm((np.float32(np.int32(one >> np.uint64(1))) + _HALF) * _OF_31_BITS))
+    s, c = sine_cosine(other)
     return radius * c, radius * s
 
 
 @vector_kernel
-def normals(key: int, step: int, stream: int, first: int, count: int) -> Float64:
+def words_of(key: int, step: int, stream: int, first: int, count: int, out: UInt32) -> UInt32:
+    """Four random words for each of ``count`` particles, into the first columns of uint32 (4, m), which is returned; see `normals`."""
+    word = np.uint64(_WORD)
+    k0, k1 = np.uint64(key) & word, np.uint64(key) >> np.uint64(32)
+    for i in range(count):
+        index = np.uint64(first + i)
+        w0, w1, w2, w3 = philox(index & word, index >> np.uint64(32), np.uint64(step), np.uint64(stream), k0, k1)
+        out[0, i], out[1, i], out[2, i], out[3, i] = np.uint32(w0), np.uint32(w1), np.uint32(w2), np.uint32(w3)
+    return out
+
+
+@vector_kernel
+def normal_pairs(one: UInt32, other: UInt32, first: Float32, second: Float32, count: int) -> None:
+    """Standard normal numbers of ``count`` pairs of words (m,), into two float32 (m,)."""
+    for i in range(count):
+        first[i], second[i] = normal_pair(np.uint64(one[i]), np.uint64(other[i]))
+
+
+@vector_kernel
+def normals(key: int, step: int, stream: int, first: int, count: int) -> Float32:
     """Four standard normal numbers for each of ``count`` particles.
 
     Parameters
@@ -66,14 +86,12 @@ def normals(key: int, step: int, stream: int, first: int, count: int) -> Float64
 
     Returns
     -------
-    float64 (4, count)
+    float32 (4, count)
     """
-    out = np.empty((4, count))
-    word = np.uint64(_WORD)
-    k0, k1 = np.uint64(key) & word, np.uint64(key) >> np.uint64(32)
-    for i in range(count):
-        index = np.uint64(first + i)
-        w0, w1, w2, w3 = philox(index & word, index >> np.uint64(32), np.uint64(step), np.uint64(stream), k0, k1)
-        out[0, i], out[1, i] = normal_pair(w0, w1)
-        out[2, i], out[3, i] = normal_pair(w2, w3)
+    words, out = (
+        words_of(key, step, stream, first, count, np.empty((4, count), dtype=np.uint32)),
+        np.empty((4, count), np.float32),
+    )
+    normal_pairs(words[0], words[1], out[0], out[1], count)
+    normal_pairs(words[2], words[3], out[2], out[3], count)
     return out

@@ -6,22 +6,26 @@ whatever rounding did on the way.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.robot.kernels.jit import kernel, vector_kernel
+from panoloc_mcl.robot.kernels.jit import kernel
 
+# float32 as the program calls it; residual resampling picks in float64, and the tests do.
+Real = NDArray[Any]
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 
 @kernel
-def systematic(weights: Float64, offset: float, count: int) -> Int64:
+def systematic(weights: Real, offset: float, count: int) -> Int64:
     """Systematic resampling (Kitagawa 1996): one random number; index i comes floor or ceil of ``count * weight_i / sum`` times.
 
     Parameters
     ----------
-    weights : float64 (n,)
+    weights : float32 or float64 (n,)
         Non-negative, sum > 0; need not be normalised.
     offset : float
         Uniform in [0, 1).
@@ -32,19 +36,19 @@ def systematic(weights: Float64, offset: float, count: int) -> Int64:
     -------
     int64 (count,)
     """
-    total, last = 0.0, 0
+    total, last = 0.0, weights.shape[0] - 1
     for i in range(weights.shape[0]):
-        total += weights[i]
-        if weights[i] > 0.0:
-            last = i
+        total += np.float64(weights[i])
+    while last > 0 and weights[last] == 0.0:
+        last -= 1
     per_weight = count / total
     # Each particle notes itself where its copies begin. One without copies is overwritten by the next, so no branch is needed,
     # which the processor would guess wrong for every other particle.
     indices = np.zeros(count + 1, dtype=np.int64)
     cumulative, begin = 0.0, 0
     for i in range(last + 1):
-        indices[begin] = i
-        cumulative += weights[i]
+        indices[np.uint64(begin)] = i
+        cumulative += np.float64(weights[i])
         # How many targets (k + offset) / count lie below the share so far.
         begin = min(int(np.ceil(cumulative * per_weight - offset)), count)
     newest = 0
@@ -55,12 +59,12 @@ def systematic(weights: Float64, offset: float, count: int) -> Int64:
 
 
 @kernel
-def stratified(weights: Float64, uniforms: Float64) -> Int64:
+def stratified(weights: Real, uniforms: Float64) -> Int64:
     """Stratified resampling: a random number for each of the equal parts of the sum; a count is off its share by less than two.
 
     Parameters
     ----------
-    weights : float64 (n,)
+    weights : float32 (n,)
         As above.
     uniforms : float64 (count,)
         In [0, 1).
@@ -77,12 +81,12 @@ def stratified(weights: Float64, uniforms: Float64) -> Int64:
 
 
 @kernel
-def multinomial(weights: Float64, uniforms: Float64) -> Int64:
+def multinomial(weights: Real, uniforms: Float64) -> Int64:
     """Multinomial resampling: every draw independent of the others; the noisiest.
 
     Parameters
     ----------
-    weights : float64 (n,)
+    weights : float32 (n,)
         As above.
     uniforms : float64 (count,)
         In [0, 1).
@@ -95,12 +99,12 @@ def multinomial(weights: Float64, uniforms: Float64) -> Int64:
 
 
 @kernel
-def residual(weights: Float64, uniforms: Float64) -> Int64:
+def residual(weights: Real, uniforms: Float64) -> Int64:
     """Residual resampling (Liu & Chen 1998): the whole part of every share for certain, the rest multinomially.
 
     Parameters
     ----------
-    weights : float64 (n,)
+    weights : float32 (n,)
         As above.
     uniforms : float64 (count,)
         In [0, 1); as many are used as draws are left.
@@ -112,18 +116,18 @@ def residual(weights: Float64, uniforms: Float64) -> Int64:
     n, count = weights.shape[0], uniforms.shape[0]
     total = 0.0
     for i in range(n):
-        total += weights[i]
+        total += np.float64(weights[i])
     copies = np.empty(n, dtype=np.int64)
     rest = np.empty(n)
     certain = 0
     for i in range(n):
-        share = count * (weights[i] / total)
+        share = count * (np.float64(weights[i]) / total)
         copies[i] = int(share)
         rest[i] = share - copies[i]
         certain += copies[i]
     if certain < count:
         # Rounding may leave nothing of shares that are whole.
-        left = rest if rest.sum() > 0.0 else weights
+        left = rest if rest.sum() > 0.0 else weights.astype(np.float64)
         for i in pick(left, np.sort(uniforms[: count - certain])):
             copies[i] += 1
     indices = np.empty(count, dtype=np.int64)
@@ -136,12 +140,12 @@ def residual(weights: Float64, uniforms: Float64) -> Int64:
 
 
 @kernel
-def pick(weights: Float64, targets: Float64) -> Int64:
+def pick(weights: Real, targets: Float64) -> Int64:
     """Indices at which the cumulative weight first exceeds each target.
 
     Parameters
     ----------
-    weights : float64 (n,)
+    weights : float32 (n,)
         As above.
     targets : float64 (count,)
         Shares of the sum in [0, 1), rising.
@@ -152,25 +156,16 @@ def pick(weights: Float64, targets: Float64) -> Int64:
     """
     total, last = 0.0, 0
     for i in range(weights.shape[0]):
-        total += weights[i]
+        total += np.float64(weights[i])
         if weights[i] > 0.0:
             last = i
     indices = np.empty(targets.shape[0], dtype=np.int64)
     i = 0
-    cumulative = weights[0]
+    cumulative = np.float64(weights[0])
     for k in range(targets.shape[0]):
         target = targets[k] * total
         while cumulative <= target and i < last:
             i += 1
-            cumulative += weights[i]
+            cumulative += np.float64(weights[i])
         indices[k] = i
     return indices
-
-
-@vector_kernel
-def taken(row: Float64, indices: Int64) -> Float64:
-    """``row[indices]`` for indices that are known to be in range, float64 (count,): a third faster than with NumPy's checks."""
-    out = np.empty(indices.shape[0])
-    for k in range(indices.shape[0]):
-        out[k] = row[indices[k]]
-    return out

@@ -1,21 +1,20 @@
-"""From votes to likelihoods, and from likelihoods to weights and back: one pass over the particles each, several at once."""
+"""From votes to likelihoods and to weights: one pass over the particles each, several at once."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.robot.kernels.elementary import exponential, logarithm
+from panoloc_mcl.robot.kernels.elementary import exponential
 from panoloc_mcl.robot.kernels.jit import vector_kernel
 
-Float64 = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 
-_TINY = float(np.finfo(np.float64).tiny)
+_NONE, _LEAST = np.float32(0.0), np.finfo(np.float32).tiny
 
 
 @vector_kernel
-def likelihoods(votes: Float32, best: float, tolerance: float, sharpness: float, floor: float) -> Float64:
+def likelihoods(votes: Float32, best: float, tolerance: float, sharpness: float, floor: float) -> Float32:
     """Likelihood of poses that were given so many votes, relative to the best: Gaussian in what they fall short of it.
 
     Parameters
@@ -32,41 +31,38 @@ def likelihoods(votes: Float32, best: float, tolerance: float, sharpness: float,
 
     Returns
     -------
-    float64 (n,)
+    float32 (n,)
         Floor to 1.
     """
-    out = np.empty(votes.shape[0])
-    steepness, rest = -0.5 * sharpness / (tolerance * tolerance), 1.0 - floor
+    out = votes.copy()
+    to_likelihoods(out, best, tolerance, sharpness, floor)
+    return out
+
+
+@vector_kernel
+def to_likelihoods(votes: Float32, best: float, tolerance: float, sharpness: float, floor: float) -> None:
+    """The same in the place of the votes."""
+    steepness, least = np.float32(-0.5 * sharpness / (tolerance * tolerance)), np.float32(floor)
+    most, rest = np.float32(best), np.float32(1.0 - floor)
     for i in range(votes.shape[0]):
-        missing = best - np.float64(votes[i])
+        missing = most - votes[i]
         # Not max(): what is no number is to stay none.
-        short = 0.0 if missing < 0.0 else missing
-        out[i] = floor + rest * exponential(steepness * short * short)
-    return out
+        short = _NONE if missing < _NONE else missing
+        votes[i] = least + rest * exponential(steepness * short * short)
 
 
 @vector_kernel
-def reweighted(log_weights: Float64, values: Float64, shift: float) -> Float64:
-    """``log_weights + log(values) - shift``, float64 (n,).
-
-    Parameters
-    ----------
-    log_weights, values : float64 (n,)
-        Values of 0 count as the least positive float64, so that logarithms stay finite. NaN stays NaN.
-    shift : float
-    """
-    out = np.empty(values.shape[0])
-    for i in range(values.shape[0]):
-        value = values[i]
-        grown = log_weights[i] + (logarithm(_TINY if value < _TINY else value) - shift)
-        out[i] = grown if value == value else np.nan
-    return out
+def weigh(weights: Float32, fit: Float32, slope: float, level: float) -> None:
+    """Multiply weights (n,) by ``slope * fit + level``, in place."""
+    steep, flat = np.float32(slope), np.float32(level)
+    for i in range(weights.shape[0]):
+        weights[i] = weights[i] * (steep * fit[i] + flat)
 
 
 @vector_kernel
-def exponentials(log_weights: Float64) -> Float64:
-    """``exp(log_weights)``, float64 (n,), for values of 0 and less, minus infinity included."""
-    out = np.empty(log_weights.shape[0])
-    for i in range(log_weights.shape[0]):
-        out[i] = exponential(log_weights[i])
-    return out
+def scale(weights: Float32, factor: float) -> None:
+    """Multiply weights (n,) by a factor, in place; none becomes less than the least normal number, so that none is lost for good."""
+    by = np.float32(factor)
+    for i in range(weights.shape[0]):
+        scaled = weights[i] * by
+        weights[i] = _LEAST if scaled < _LEAST else scaled

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from panoloc_mcl.robot.compact_poses import CompactPoses
 from panoloc_mcl.robot.geometry import angle_difference, wrap_angle
-from panoloc_mcl.robot.kernels.particles import read_field
+from panoloc_mcl.robot.kernels.particles import likelihoods_there, read_field
 from panoloc_mcl.robot.kernels.weights import likelihoods
 from panoloc_mcl.robot.measurement import PoseMeasurement
 from panoloc_mcl.robot.observation.places import Places
@@ -116,11 +117,21 @@ class VoteField:
 
     def read(self, poses: Float64) -> Float32:
         """Votes at poses (n, 3), interpolated over heading and place; 0 off the map. float32 (n,)."""
+        return self.read_compact(CompactPoses.of(poses, self.places.raster.origin))
+
+    def read_compact(self, poses: CompactPoses) -> Float32:
+        """The same for particles."""
+        return read_field(*poses.arrays, *self._raster_from(poses.origin))
+
+    def read_likelihood(self, poses: CompactPoses, sharpness: float, floor: float, out: Float32) -> None:
+        """`likelihood` of the votes at particles (n,), into float32 (n,)."""
+        scale = (self.peak.votes, self.tolerance, sharpness, floor)
+        likelihoods_there(*(*poses.arrays, *self._raster_from(poses.origin), *scale, out))
+
+    def _raster_from(self, origin: Float64) -> tuple[Any, ...]:
         raster = self.places.raster
-        rows = np.ascontiguousarray(poses.T)
-        return read_field(
-            rows, self.votes, raster.neighbours, raster.weights, *raster.origin, raster.cell, raster.shape[1], raster.shape[0]
-        )
+        x, y = raster.origin[0] - float(origin[0]), raster.origin[1] - float(origin[1])
+        return self.votes, raster.neighbours, raster.weights, x, y, raster.cell, raster.shape[1], raster.shape[0]
 
     def votes_at(self, pose: Float64) -> float:
         """What `read` gives for one pose (3,), without the raster, which a field of few questions need not have."""
@@ -128,10 +139,10 @@ class VoteField:
         rows = at_headings(self.votes[:, neighbours[0]], np.array([pose[2] % (2.0 * np.pi)]))
         return float(rows[0] @ weights[0])
 
-    def likelihood(self, votes: Float32, sharpness: float = 1.0, floor: float = 0.0) -> Float64:
+    def likelihood(self, votes: Float32, sharpness: float = 1.0, floor: float = 0.0) -> Float32:
         """Likelihood of poses that were given so many votes (n,), relative to the best cell: Gaussian in what they fall short of it.
 
-        ``sharpness`` is a power that the Gaussian is taken to, ``floor`` what is left of it where votes are few. float64 (n,).
+        ``sharpness`` is a power that the Gaussian is taken to, ``floor`` what is left of it where votes are few. float32 (n,).
         """
         return likelihoods(votes, self.peak.votes, self.tolerance, sharpness, floor)
 
@@ -255,7 +266,7 @@ class VoteField:
         flat = self.votes.ravel()
         # Cells five standard deviations below the best are hardly ever drawn; leaving them out saves the work of nearly all cells.
         likely = np.flatnonzero(flat >= self.peak.votes - 5.0 * self.tolerance)
-        cumulative = np.cumsum(self.likelihood(flat[likely]))
+        cumulative = np.cumsum(self.likelihood(flat[likely]), dtype=np.float64)
         drawn = np.minimum(np.searchsorted(cumulative, rng.random(count) * cumulative[-1], side="right"), len(cumulative) - 1)
         rows, places = np.divmod(likely[drawn], self.votes.shape[1])
         step = 2.0 * np.pi / len(self.headings)

@@ -3,8 +3,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from panoloc_mcl.robot.filters.clusters import find_clusters
+from panoloc_mcl.robot.compact_poses import CompactPoses
+from panoloc_mcl.robot.filters import clusters as of_particles
 from panoloc_mcl.robot.geometry import angle_difference
+
+
+def find_clusters(poses: np.ndarray, weights: np.ndarray, most: int = 5) -> tuple:
+    return of_particles.find_clusters(CompactPoses.of(poses, (0.0, 0.0)), weights.astype(np.float32), most)
 
 
 def blob(rng: np.random.Generator, centre, count: int = 300, sd_m: float = 0.1, sd_deg: float = 3.0) -> np.ndarray:
@@ -108,7 +113,7 @@ def test_a_cluster_is_the_weighted_mean_and_covariance() -> None:
     weights /= weights.sum()
     (cluster,) = find_clusters(poses, weights)
     off = poses - cluster.pose
-    assert cluster.covariance == pytest.approx((off * weights[:, None]).T @ off, abs=1e-12)
+    assert cluster.covariance == pytest.approx((off * weights[:, None]).T @ off, abs=1e-8)
     assert cluster.covariance[:2, :2] == pytest.approx(np.cov(poses[:, :2].T, aweights=weights, ddof=0))
     assert cluster.pose[:2] == pytest.approx(np.average(poses[:, :2], axis=0, weights=weights))
     # Within a few degrees the circular mean is the plain one up to third order.
@@ -122,8 +127,8 @@ def test_a_grid_too_large_for_a_table_is_sorted_and_gives_the_same() -> None:
     far = np.vstack([near, [[5000.0, -5000.0, 0.0]]])
     weights = np.r_[evenly(near), 0.0]
     for one, other in zip(find_clusters(near, evenly(near)), find_clusters(far, weights), strict=True):
-        assert one.pose == pytest.approx(other.pose, abs=1e-9)
-        assert one.covariance == pytest.approx(other.covariance, abs=1e-9)
+        assert one.pose == pytest.approx(other.pose, abs=1e-6)
+        assert one.covariance == pytest.approx(other.covariance, abs=1e-6)
         assert one.mass == pytest.approx(other.mass)
 
 

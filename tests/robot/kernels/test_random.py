@@ -24,7 +24,7 @@ def test_philox_gives_the_published_answers(variant, counter: str, key: str, ans
 @pytest.mark.parametrize("first", [0, 12, 2**32 - 5])
 def test_normals_agree_with_numpy(variant, first: int) -> None:
     drawn = variant(random.normals)(2**63 - 5, 17, 3, first, 40)
-    assert drawn == pytest.approx(naive.normals(2**63 - 5, 17, 3, first, 40), abs=1e-12)
+    assert drawn == pytest.approx(naive.normals(2**63 - 5, 17, 3, first, 40), abs=3e-6)
 
 
 def test_numbers_depend_on_key_step_stream_and_index_alone() -> None:
@@ -33,7 +33,8 @@ def test_numbers_depend_on_key_step_stream_and_index_alone() -> None:
         assert np.array_equal(random.normals(5, 6, 7, first, count), whole[:, first : first + count])
     others = [random.normals(4, 6, 7, 0, 1000), random.normals(5, 5, 7, 0, 1000), random.normals(5, 6, 8, 0, 1000)]
     for other in others:
-        assert not np.isin(other, whole).any()
+        # In single precision, a few of some thousand are equal by chance.
+        assert np.isin(other, whole).mean() < 0.01
         assert abs(np.corrcoef(other.ravel(), whole.ravel())[0, 1]) < 6.0 / np.sqrt(whole.size)
 
 
@@ -56,14 +57,23 @@ def test_the_ends_of_the_words_are_finite(variant) -> None:
     for one in (0, 1, 2**32 - 1):
         for other in (0, 2**31, 2**32 - 1):
             pair = variant(random.normal_pair)(np.uint64(one), np.uint64(other))
-            assert np.hypot(*pair) < 6.8
+            assert np.hypot(*pair) < 6.7
+
+
+def test_tails_are_those_of_the_normal_distribution() -> None:
+    drawn = np.concatenate([random.normals(12, step, 0, 0, 500_000).ravel() for step in range(4)])
+    for far in (3.0, 4.0, 4.5):
+        expected = 2.0 * stats.norm.sf(far) * drawn.size
+        assert abs(np.sum(np.abs(drawn) > far) - expected) < 6.0 * np.sqrt(expected)
 
 
 def test_elementary_functions_agree_with_numpy(variant) -> None:
     rng = np.random.default_rng(0)
-    for angle in [*rng.uniform(-700.0, 700.0, 500), *(np.arange(-12, 13) * np.pi / 4), 0.0, -0.0, 1e-300]:
-        s, c = variant(elementary.sine_cosine)(angle)
-        assert (s, c) == pytest.approx((np.sin(angle), np.cos(angle)), abs=3e-14 if abs(angle) > 40.0 else 1e-15)
-    for x in [*np.geomspace(1e-300, 1e300, 300), *rng.uniform(0.5, 2.0, 300), 1.0, np.sqrt(2.0)]:
-        assert variant(elementary.logarithm)(x) == pytest.approx(np.log(x), rel=1e-15, abs=1e-15)
-    assert np.isnan(variant(elementary.sine_cosine)(np.nan)).all()
+    eighths = [int(part) * 2**29 + step for part in range(8) for step in (0, 1, 2**29 - 1)]
+    for turn in [*eighths, *rng.integers(0, 2**32, 500).tolist()]:
+        s, c = variant(elementary.sine_cosine)(np.uint64(turn))
+        angle = 2.0 * np.pi * turn / 2**32
+        assert (s, c) == pytest.approx((np.sin(angle), np.cos(angle)), abs=2e-7)
+    for x in [*np.geomspace(1e-37, 1e37, 300), *rng.uniform(0.5, 2.0, 300), 1.0, np.sqrt(2.0)]:
+        x = np.float32(x)
+        assert variant(elementary.logarithm)(x) == pytest.approx(np.log(float(x)), rel=2e-7, abs=1e-7)

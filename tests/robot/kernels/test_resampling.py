@@ -123,9 +123,3 @@ def test_the_scale_of_the_weights_does_not_matter(variant) -> None:
     resample = variant(resampling.systematic)
     # A power of two changes no rounding.
     assert np.array_equal(resample(weights, 0.3, 100), resample(weights * 2.0**-900, 0.3, 100))
-
-
-def test_what_is_taken_agrees_with_numpy(variant) -> None:
-    rng = np.random.default_rng(7)
-    row, indices = rng.random(50), np.sort(rng.integers(0, 50, 80))
-    assert np.array_equal(variant(resampling.taken)(row, indices), row[indices])

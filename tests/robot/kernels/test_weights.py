@@ -9,24 +9,24 @@ either = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], m
 
 
 @either
-@given(x=st.floats(-708.0, 709.0))
+@given(x=st.floats(-87.0, 88.0, width=32))
 def test_the_exponential_is_that_of_numpy(variant, x: float) -> None:
-    assert variant(elementary.exponential)(x) == pytest.approx(float(np.exp(x)), rel=1e-15)
+    assert variant(elementary.exponential)(np.float32(x)) == pytest.approx(float(np.exp(x)), rel=2e-7)
 
 
-@pytest.mark.parametrize("x", [-708.5, -745.0, -1e6, -np.inf])
+@pytest.mark.parametrize("x", [-87.5, -104.0, -1e6, -np.inf])
 def test_what_is_too_small_for_all_digits_is_zero(variant, x: float) -> None:
-    with np.errstate(invalid="ignore"):
-        assert variant(elementary.exponential)(x) == 0.0
+    with np.errstate(invalid="ignore", over="ignore"):
+        assert variant(elementary.exponential)(np.float32(x)) == 0.0
 
 
 def test_what_is_no_number_stays_none(variant) -> None:
     with np.errstate(invalid="ignore", over="ignore"):
-        assert np.isnan(variant(elementary.exponential)(np.nan))
         votes = np.array([0.5, np.nan], dtype=np.float32)
         assert np.isnan(variant(weights.likelihoods)(votes, 0.6, 0.1, 1.0, 0.1)).tolist() == [False, True]
-        log_weights, values = np.zeros(2), np.array([1.0, np.nan])
-        assert np.isnan(variant(weights.reweighted)(log_weights, values, 0.0)).tolist() == [False, True]
+        shares = np.array([0.5, np.nan], dtype=np.float32)
+        variant(weights.scale)(shares, 2.0)
+        assert np.isnan(shares).tolist() == [False, True]
 
 
 @pytest.mark.parametrize(("sharpness", "floor"), [(1.0, 0.0), (0.3, 0.005), (1.0, 1.0)])
@@ -34,7 +34,8 @@ def test_likelihoods_agree_with_numpy(variant, sharpness: float, floor: float) -
     votes = np.random.default_rng(1).random(500).astype(np.float32)
     short = np.maximum(0.8 - votes.astype(np.float64), 0.0) / 0.15
     expected = floor + (1.0 - floor) * np.exp(-0.5 * sharpness * short**2)
-    assert variant(weights.likelihoods)(votes, 0.8, 0.15, sharpness, floor) == pytest.approx(expected, rel=1e-12)
+    # Exponents up to 14 in single precision.
+    assert variant(weights.likelihoods)(votes, 0.8, 0.15, sharpness, floor) == pytest.approx(expected, rel=5e-6)
 
 
 def test_likelihoods_of_very_sharp_images_are_zero_and_not_garbage(variant) -> None:
@@ -45,19 +46,15 @@ def test_likelihoods_of_very_sharp_images_are_zero_and_not_garbage(variant) -> N
     assert (found[:100] == 0.0).all()
 
 
-def test_reweighting_agrees_with_numpy(variant) -> None:
+def test_weighing_agrees_with_numpy(variant) -> None:
     rng = np.random.default_rng(2)
-    log_weights, values = rng.normal(-5.0, 3.0, 400), rng.random(400) ** 20
-    expected = log_weights + np.log(values) - 1.5
-    assert variant(weights.reweighted)(log_weights, values, 1.5) == pytest.approx(expected, rel=1e-12, abs=1e-12)
+    some, fit = rng.random((2, 400)).astype(np.float32)
+    weighed = some.copy()
+    variant(weights.weigh)(weighed, fit, 3.0, 0.5)
+    assert weighed == pytest.approx(some * (3.0 * fit.astype(np.float64) + 0.5), rel=1e-6)
 
 
-def test_no_likelihood_at_all_leaves_a_finite_log_weight(variant) -> None:
-    assert variant(weights.reweighted)(np.zeros(1), np.zeros(1), 0.0) == pytest.approx(np.log(np.finfo(np.float64).tiny))
-
-
-def test_exponentials_agree_with_numpy(variant) -> None:
-    log_weights = -np.random.default_rng(3).exponential(50.0, 300)
-    log_weights[:2] = 0.0, -np.inf
-    with np.errstate(invalid="ignore"):
-        assert variant(weights.exponentials)(log_weights) == pytest.approx(np.exp(log_weights), rel=1e-14)
+def test_no_likelihood_at_all_leaves_the_least_weight(variant) -> None:
+    some = np.array([0.0, 1e-45, 1.0], dtype=np.float32)
+    variant(weights.scale)(some, 0.5)
+    assert some.tolist() == [np.finfo(np.float32).tiny, np.finfo(np.float32).tiny, 0.5]
