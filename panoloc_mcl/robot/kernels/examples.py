@@ -133,6 +133,7 @@ EXAMPLES: dict[str, Callable[[], tuple[Any, ...]]] = {
     "hypotheses.merge_cells": lambda: (np.zeros(2, dtype=np.int64), 1, np.zeros((2, 3)), np.ones((2, 10))),
     "hypotheses.occupied_cells": _grid,
     "hypotheses.slots_of": lambda: (np.zeros(4, dtype=np.int64), 4, _integers(1) - 1, np.zeros(1, dtype=np.int64), 0),
+    "particles.in_turns": lambda: (np.float32(0.25),),
     "particles.likelihoods_there": lambda: (*_read_field(), 1.0, 0.5, 1.0, 0.01, _numbers()),
     "particles.look": lambda: (*_read_field()[3:6], _integers(), _words(), _numbers(), _numbers()),
     "particles.predict": _predict,

@@ -69,16 +69,16 @@ def turn_and_drive(x: Float32, y: Float32, turns: UInt32, noise: Float32, parts:
     sd_first, sd_last = np.float32(sds[0] / (2.0 * np.pi)), np.float32(sds[3] / (2.0 * np.pi))
     before, ahead, aside, after = noise[0], noise[1], noise[2], noise[3]
     for i in range(turns.shape[0]):
-        direction = np.uint64(turns[i]) + first_turn + _in_turns(sd_first * before[i])
+        direction = np.uint64(turns[i]) + first_turn + in_turns(sd_first * before[i])
         s, c = sine_cosine(direction & np.uint64(_WORD))
         forward, left = along + sd_along * ahead[i], across + sd_across * aside[i]
         x[i] = x[i] + (c * forward - s * left)
         y[i] = y[i] + (s * forward + c * left)
-        turns[i] = np.uint32((direction + last_turn + _in_turns(sd_last * after[i])) & np.uint64(_WORD))
+        turns[i] = np.uint32((direction + last_turn + in_turns(sd_last * after[i])) & np.uint64(_WORD))
 
 
 @inlined
-def _in_turns(turn: np.float32) -> np.uint64:
+def in_turns(turn: np.float32) -> np.uint64:
     """A float32 number of turns in 2^-32 of one, whole turns left out."""
     # By 2^31, or half a turn would not fit a signed number.
     part = np.int32((turn - np.floor(turn + _HALF)) * _HALF_CIRCLE)

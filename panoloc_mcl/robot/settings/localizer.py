@@ -15,7 +15,7 @@ NonNegative = Annotated[float, Field(ge=0.0)]
 Coordinate = Annotated[float, Field(ge=-1e8, le=1e8)]
 
 # Of a particle, at the peak of a cycle: poses before and after resampling, weights and indices.
-BYTES_PER_PARTICLE = 64
+BYTES_PER_PARTICLE = 56
 
 
 def physical_memory() -> int | None:
@@ -165,7 +165,7 @@ class MonteCarloSettings(StrictModel):
     """The particle filter over position and heading."""
 
     particles: Annotated[int, Field(ge=10)] = Field(
-        2000, description="Particles (at the start, if their count adapts). More: surer start, slower; 64 bytes each."
+        2000, description="Particles (at the start, if their count adapts). More: surer start, slower; 56 bytes each."
     )
     resampling: ResamplingSettings = Field(default_factory=ResamplingSettings, description="Which particles go on.")
     adaptive: AdaptiveSettings = Field(default_factory=AdaptiveSettings, description="A count that follows the belief.")

@@ -52,8 +52,10 @@ def test_every_kernel_has_an_example():
 def test_an_example_gives_numbers(name):
     import numpy as np
 
-    result = find(name)(*EXAMPLES[name]())
-    for array in result if isinstance(result, tuple) else (result,):
+    arguments = EXAMPLES[name]()
+    result = find(name)(*arguments)
+    # A kernel that works in place gives nothing back.
+    for array in result if isinstance(result, tuple) else arguments if result is None else (result,):
         assert np.all(np.isfinite(array))
 
 
