@@ -113,7 +113,7 @@ def test_lights_that_are_none(tiny_folder):
 
 def test_look_up_is_bilinear():
     parts = PatchList()
-    ramp = np.arange(12, dtype=np.float32).reshape(3, 4) / 12
+    ramp = np.arange(12, dtype=np.float32).reshape(3, 4) / np.float32(12)
     parts.add((0, 0, 0), (4, 0, 0), (0, 3, 0), np.full((1, 1), 0.5, np.float32))
     parts.add((0, 0, 1), (4, 0, 0), (0, 3, 0), ramp)
     patches = assemble(parts)
