@@ -14,7 +14,7 @@ from panoloc_mcl.laboratory.simulation.building.meshes import put_mesh
 from panoloc_mcl.laboratory.simulation.building.structure import STRUCTURE
 from panoloc_mcl.laboratory.simulation.building.surfaces import Surfaces
 from panoloc_mcl.laboratory.simulation.patches import Patches, assemble
-from panoloc_mcl.laboratory.simulation.scene import Box, Clutter, Mesh, Place, Scene
+from panoloc_mcl.laboratory.simulation.scene import Box, Clutter, Mesh, Place, Scene, Thing
 
 FloatArray = NDArray[np.float64]
 
@@ -63,12 +63,12 @@ def build(scene: Scene, folder: Path = Path(), moved: float = 0.0, seed: int = 0
         surfaces.seed = 1000 * index
         if isinstance(thing, Mesh):
             put_mesh(surfaces, thing, index, folder)
-        elif type(thing) in STRUCTURE:
-            STRUCTURE[type(thing)](surfaces, thing, index)
-        else:
-            for piece, place in _clutter(thing) if isinstance(thing, Clutter) else ((thing, place) for place in thing.places):
+        elif isinstance(thing, Thing | Clutter):
+            for piece, place in _pieces(thing):
                 surfaces.seed += 20
                 FURNITURE[type(piece)](surfaces, piece, _shifted(place, moved, rng) if thing.movable else place)
+        else:
+            STRUCTURE[type(thing)](surfaces, thing, index)
     parts = surfaces.parts
     return Building(scene, assemble(parts), tuple(parts.footprints), tuple(parts.heights))
 
@@ -82,8 +82,11 @@ def _shifted(place: Place, moved: float, rng: np.random.Generator) -> Place:
     return place[0] + (dx - 0.5), place[1] + (dy - 0.5), place[2], place[3] + 120.0 * (turn - 0.5)
 
 
-def _clutter(thing: Clutter) -> Iterator[tuple[Box, Place]]:
-    """Its boxes and their places."""
+def _pieces(thing: Thing | Clutter) -> Iterator[tuple[Thing, Place]]:
+    """What stands where."""
+    if isinstance(thing, Thing):
+        yield from ((thing, place) for place in thing.places)
+        return
     rng = np.random.default_rng([thing.seed, 9])
     x0, y0, x1, y1 = thing.area
     for _ in range(thing.count):
