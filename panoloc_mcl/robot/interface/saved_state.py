@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,13 +14,16 @@ from numpy.typing import NDArray
 from panoloc_mcl.robot.errors import StateError
 from panoloc_mcl.robot.files import read_arrays, write_arrays
 from panoloc_mcl.robot.filters import Status
+from panoloc_mcl.robot.geometry import angle_difference
 from panoloc_mcl.robot.interface.mounting_tilt import MountingTilt
 from panoloc_mcl.robot.interface.steering import Steering
 from panoloc_mcl.robot.locks import locked
 from panoloc_mcl.robot.motion import Anchor, ImageClock, OdometryBuffer
 from panoloc_mcl.robot.settings.config import LocalizerConfig
 
-FORMAT = "panoloc-state/7"
+FORMAT = "panoloc-state/8"
+# Of a state of an earlier form only the pose is taken over, if its particles lie within this: farther apart, they are no pose.
+_ONE_POSE_M = 1.0
 
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -85,15 +89,20 @@ class SavedState(Steering):
         """Go on from the state that a stopped program saved: as `load_state`, but time has gone on without this localizer.
 
         The next image counts whatever its stamp. If odometry goes on where it was, the way between is known; if not, the belief is
-        widened by what the robot can have driven.
+        widened by what the robot can have driven. Of a state that an earlier version saved, the pose is taken over, with a warning.
 
         Raises
         ------
         StateError
             As `load_state`.
         """
-        self.load_state(path)
-        self._clock.pause()
+        earlier = _pose_of_earlier(Path(path))
+        if earlier is None:
+            self.load_state(path)
+            self._clock.pause()
+        else:
+            self.set_pose(*earlier)
+            warnings.warn(f"{path}: saved by an earlier version; only its last pose is taken over", stacklevel=2)
 
     def _take_over(self, header: Mapping[str, Any], parts: Mapping[str, dict[str, NDArray[Any]]]) -> None:
         odometry = OdometryBuffer(self.settings.motion)
@@ -169,6 +178,30 @@ def _read(path: Path, fingerprint: str, map_name: str, config: LocalizerConfig) 
         part, _, name = key.partition(".")
         parts.setdefault(part, {})[name] = array
     return header, parts
+
+
+def _pose_of_earlier(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Pose and covariance of a state of an earlier form; None where it is of this one, or holds no pose, or cannot be read."""
+    try:
+        header, arrays = read_arrays(path)
+        poses, log_weights = arrays["filter.poses"], arrays["filter.log_weights"]
+    except (OSError, ValueError, KeyError):
+        return None
+    name, _, number = str(header.get("format")).partition("/")
+    this, _, newest = FORMAT.partition("/")
+    if name != this or not number.isdecimal() or int(number) >= int(newest):
+        return None
+    weights = np.exp(log_weights - log_weights.max())
+    weights /= weights.sum()
+    turns = poses[:, 2]
+    heading = np.arctan2(weights @ np.sin(turns), weights @ np.cos(turns))
+    mean = np.array([*(weights @ poses[:, :2]), heading])
+    off = np.column_stack([poses[:, :2] - mean[:2], angle_difference(turns, heading)])
+    covariance = (weights * off.T) @ off
+    if not np.sqrt(np.trace(covariance[:2, :2])) < _ONE_POSE_M:
+        return None
+    # How far the robot was driven since is not known: half a metre and 45 degrees.
+    return mean, np.asarray(covariance + np.diag([0.5, 0.5, np.radians(45.0)]) ** 2)
 
 
 def _that_count(config: LocalizerConfig) -> dict[str, Any]:

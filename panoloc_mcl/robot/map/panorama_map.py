@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -193,10 +194,12 @@ class PanoramaMap:
         if build_settings(observation) == build_settings(self.observation):
             try:
                 return model.restore(self.references, settings, self.arrays)
-            except KeyError as error:
-                raise MapError(
-                    f"map '{self.name}': lacks {error} of the model '{observation.model}'; build it again with panoloc build-map"
-                ) from error
+            except KeyError as missing:
+                warnings.warn(
+                    f"map '{self.name}': made by an earlier version, without {missing}; computed again from its references (panoloc "
+                    "build-map makes a file that need not)",
+                    stacklevel=2,
+                )
         with threadpool_limits(1, user_api="blas"):
             return model.build(self.references, settings, self.seed)
 
