@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -119,7 +118,7 @@ class SimulationConfig(StrictModel):
         return self
 
 
-def load_simulation(path: Path, overrides: Sequence[str | Override] = ()) -> SimulationConfig:
+def load_simulation(path: Path, overrides: list[str | Override] | None = None) -> SimulationConfig:
     """Read a configuration; overrides beat the file.
 
     Raises
@@ -127,7 +126,7 @@ def load_simulation(path: Path, overrides: Sequence[str | Override] = ()) -> Sim
     ConfigError
         Every fault, one line each.
     """
-    data, parsed = read_yaml(path), parse_overrides(overrides)
+    data, parsed = read_yaml(path), parse_overrides(overrides or [])
     for override in parsed:
         apply(data, override)
     return validate(SimulationConfig, data, lambda location: source_at(location, parsed, str(path)))

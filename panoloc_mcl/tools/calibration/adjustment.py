@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -15,8 +16,9 @@ from panoloc_mcl.tools.calibration.parameters import Parameter, changed
 
 Float64 = NDArray[np.float64]
 
-#: Smoothing of the features in pixels, step by step: far first, then fine.
+#: Smoothing of the features in pixels, step by step: far first, then fine; and what is left once a search with larger pixels has ended.
 SCHEDULE = (3.0, 3.0, 3.0, 3.0, 1.5, 1.5, 1.5, 1.0, 1.0, 1.0, 1.0)
+LAST_STEPS = (1.0, 1.0, 1.0, 1.0)
 # What is not known to a quarter of how far off it might be is not observable.
 _OBSERVABLE = 0.25
 # Of how far off an unknown may be, a step at the most.
@@ -86,6 +88,7 @@ def adjust(
     scene: Scene,
     progress: Progress = no_progress,
     schedule: tuple[float, ...] = SCHEDULE,
+    begin: Mapping[str, float] | None = None,
 ) -> Adjustment:
     """Turn the unknowns until the images agree best.
 
@@ -98,8 +101,10 @@ def adjust(
     progress : callable (done, total, what)
     schedule : tuple of float
         Smoothing of the features in pixels, step by step.
+    begin : mapping of str to float, optional
+        Values that an earlier search found; those of the description if left out.
     """
-    values = np.array([parameter.start for parameter in parameters])
+    values = np.array([parameter.start if begin is None else begin[parameter.name] for parameter in parameters])
     start = values.copy()
     largest = np.array([parameter.largest for parameter in parameters])
     free = np.ones(len(parameters), dtype=np.bool_)

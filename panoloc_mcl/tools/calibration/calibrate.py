@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,10 +15,19 @@ from panoloc_mcl.robot.images import read_image
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.settings.observation import VotesSettings
-from panoloc_mcl.tools.calibration.adjustment import Adjustment, Estimated, adjust
+from panoloc_mcl.tools.calibration.adjustment import LAST_STEPS, Adjustment, Estimated, Scene, adjust
 from panoloc_mcl.tools.calibration.body import FEWEST_IMAGES, MOST_IMAGES, FoundBody, find_body
-from panoloc_mcl.tools.calibration.drives_scene import DrivesScene, Yardstick
-from panoloc_mcl.tools.calibration.odometry import LATE, OBSERVABLE_M, OBSERVABLE_RAD, OBSERVABLE_S, Placement, place_camera
+from panoloc_mcl.tools.calibration.drives_scene import DrivesScene, Track, Yardstick
+from panoloc_mcl.tools.calibration.features import FINE_COLUMNS
+from panoloc_mcl.tools.calibration.odometry import (
+    LATE,
+    OBSERVABLE_M,
+    OBSERVABLE_RAD,
+    OBSERVABLE_S,
+    Placement,
+    place_camera,
+    pooled,
+)
 from panoloc_mcl.tools.calibration.parameters import Parameter, changed, parameters_by_map, parameters_by_references, shown
 from panoloc_mcl.tools.calibration.references_scene import ReferencesScene
 from panoloc_mcl.tools.datasets import Dataset
@@ -30,8 +39,8 @@ Float32 = NDArray[np.float32]
 _SIGNIFICANT = 2.0
 _LEAST_HIDDEN = 1e-3
 _RIM_PX = 4.0
-# Drives looked at: for the optics of their camera, and for where it sits.
-_MOST_DRIVES, _MOST_PLACED = 6, 3
+# Drives looked at, and images of them in all, for the optics of their camera; drives for where it sits.
+_MOST_DRIVES, _MOST_OF_DRIVES, _MOST_PLACED = 6, 36, 3
 
 
 @dataclass(eq=False)
@@ -116,8 +125,12 @@ def calibrate(
             references.path, references.files, references.poses, found.camera, size, references.poses_of
         )
         parameters = parameters_by_references(found.camera, placed=references.poses_of == "base")
-        scene = found.scene = ReferencesScene(start, settings, found.camera)
-        _take_over(found, adjust(found.camera, parameters, scene, progress))
+
+        def last(rough: AnyCamera) -> ReferencesScene:
+            found.scene = ReferencesScene(start, settings, rough, columns=FINE_COLUMNS)
+            return found.scene
+
+        _search(found, parameters, ReferencesScene(start, settings, found.camera), last, progress)
         yard = references.__class__(
             references.path, references.files, references.poses, found.camera, size, references.poses_of
         )
@@ -126,14 +139,24 @@ def calibrate(
     with_odometry = [drive for drive in subjects if drive.odometry is not None and len(drive) >= FEWEST_IMAGES]
     if of_drives or with_odometry:
         yardstick = Yardstick(yard, settings, progress, panorama_map if of_drives else None)
-        looked_at = subjects[:_MOST_DRIVES] if of_drives else with_odometry[:_MOST_PLACED]
-        tracked = [yardstick.track(drive, found.camera, progress=progress) for drive in looked_at]
-        tracked = [track for track in tracked if len(track.indices)]
-        if of_drives and sum(len(track.indices) for track in tracked) >= FEWEST_IMAGES:
-            scene_of_drives = DrivesScene(yardstick, tracked)
-            _take_over(found, adjust(found.camera, parameters_by_map(found.camera), scene_of_drives, progress))
-            tracked = [yardstick.track(track.drive, found.camera, progress=progress) for track in tracked]
-        _place(found, tracked)
+        if of_drives:
+            looked_at = subjects[:_MOST_DRIVES]
+            most = -(-_MOST_OF_DRIVES // len(looked_at))
+
+            def tracked(camera: AnyCamera) -> list[Track]:
+                tracks = [yardstick.track(drive, camera, most, progress) for drive in looked_at]
+                return [track for track in tracks if len(track.indices)]
+
+            tracks = tracked(found.camera)
+            if sum(len(track.indices) for track in tracks) >= FEWEST_IMAGES:
+                _search(
+                    found,
+                    parameters_by_map(found.camera),
+                    DrivesScene(yardstick, tracks),
+                    lambda rough: DrivesScene(yardstick, tracked(rough), _MOST_OF_DRIVES, FINE_COLUMNS),
+                    progress,
+                )
+        _place(found, [yardstick.track(drive, found.camera, progress=progress) for drive in with_odometry[:_MOST_PLACED]])
     if not with_odometry:
         found.lines.append("mount.x_m, mount.y_m, time_offset_s: not observable without a drive with odometry")
     return found
@@ -185,6 +208,19 @@ def _seen(camera: AnyCamera, size: tuple[int, int]) -> NDArray[np.bool_] | None:
     return np.asarray((radius >= radii[0] + _RIM_PX) & (radius <= radii[1] - _RIM_PX))
 
 
+def _search(
+    found: Findings,
+    parameters: list[Parameter],
+    coarse: Scene,
+    last: Callable[[AnyCamera], Scene],
+    progress: Progress,
+) -> None:
+    """From far with large pixels, then the rest with finer ones."""
+    rough = adjust(found.camera, parameters, coarse, progress)
+    begin = {one.parameter.name: one.value for one in rough.estimates}
+    _take_over(found, adjust(found.camera, parameters, last(rough.camera), progress, LAST_STEPS, begin))
+
+
 def _take_over(found: Findings, adjustment: Adjustment) -> None:
     """The values that differ from what is described by more than chance; the others stay as they are."""
     found.adjustment = adjustment
@@ -193,9 +229,7 @@ def _take_over(found: Findings, adjustment: Adjustment) -> None:
     values = {one.parameter.name: round(one.value, 5) for one in differ}
     found.camera = changed(found.camera, [one.parameter for one in differ], values)
     found.estimates += adjustment.estimates
-    found.lines.append(
-        f"agreement of {adjustment.images} images with views of them: {adjustment.before:.3f} before, {adjustment.after:.3f} after"
-    )
+    found.lines.append(f"agreement of {adjustment.images} images with views of them: {adjustment.after:.3f}")
     if len(differ) < len(told):
         kept = ", ".join(one.parameter.name for one in told if one not in differ)
         found.lines.append(f"kept as described, within {_SIGNIFICANT:g} standard deviations: {kept}")
@@ -205,7 +239,7 @@ def _take_over(found: Findings, adjustment: Adjustment) -> None:
 
 
 def _place(found: Findings, tracked: Sequence[Any]) -> None:
-    """Where the camera sits on the base, by odometry; the best of several drives."""
+    """Where the camera sits on the base, by the odometry of drives."""
     placements: list[Placement] = []
     for track in tracked:
         odometry = track.drive.odometry
@@ -214,27 +248,30 @@ def _place(found: Findings, tracked: Sequence[Any]) -> None:
             placements += [placement] if placement is not None else []
     if not placements:
         return
-    best = min(placements, key=lambda one: one.sd_m)
     mount = found.camera.mounting
     known = {one.parameter.name: one for one in found.estimates if one.observable}
+    x, y, yaw, late = (
+        pooled([getattr(one, name) for one in placements], [getattr(one, sd) for one in placements])
+        for name, sd in (("x_m", "sd_x_m"), ("y_m", "sd_y_m"), ("yaw", "sd_yaw"), ("time_offset_s", "sd_time_s"))
+    )
     update: dict[str, float] = {}
-    for name, key, given, value in (("forward", "x_m", mount.x_m, best.x_m), ("left", "y_m", mount.y_m, best.y_m)):
-        _weigh(found, update, (f"mount.{key}", "m", key), (given, value, best.sd_m, OBSERVABLE_M), known.get(name))
+    for name, key, given, (value, sd) in (("forward", "x_m", mount.x_m, x), ("left", "y_m", mount.y_m, y)):
+        _weigh(found, update, (f"mount.{key}", "m", key), (given, value, sd, OBSERVABLE_M), known.get(name))
     if found.of_drives:
-        turned = mount.yaw_deg - float(np.degrees(best.yaw))
-        limit, sd_deg = float(np.degrees(OBSERVABLE_RAD)), float(np.degrees(best.sd_yaw))
+        turned = mount.yaw_deg - float(np.degrees(yaw[0]))
+        limit, sd_deg = float(np.degrees(OBSERVABLE_RAD)), float(np.degrees(yaw[1]))
         _weigh(found, update, ("mount.yaw_deg", "deg", "yaw_deg"), (mount.yaw_deg, turned, sd_deg, limit), None)
     if update:
         found.camera = found.camera.model_copy(update={"mount": mount.model_copy(update=update)})
-    given = found.camera.stamp_offset_s
-    seen = best.sd_time_s <= OBSERVABLE_S
-    value = given + best.time_offset_s if seen else given
-    found.estimates.append(_estimate("time_offset_s", "s", given, value, best.sd_time_s if seen else np.inf))
-    if seen and abs(best.time_offset_s) > LATE * best.sd_time_s:
+    given, seen = found.camera.stamp_offset_s, late[1] <= OBSERVABLE_S
+    value = given + late[0] if seen else given
+    found.estimates.append(_estimate("time_offset_s", "s", given, value, late[1] if seen else np.inf))
+    if seen and abs(late[0]) > LATE * late[1]:
         found.camera = found.camera.model_copy(update={"time_offset_s": round(value, 4)})
-    if best.sd_m > OBSERVABLE_M:
+    if max(x[1], y[1]) > OBSERVABLE_M:
         found.lines.append("mount.x_m, mount.y_m: not observable, no drive turns enough")
-    found.lines.append(f"odometry: {best.odometry_scale:.3f} m of the map a metre, over {best.images} images")
+    scale, images = np.mean([one.odometry_scale for one in placements]), sum(one.images for one in placements)
+    found.lines.append(f"odometry: {scale:.3f} m of the map a metre, over {images} images")
 
 
 def _weigh(
@@ -250,8 +287,7 @@ def _weigh(
         found.estimates.append(_estimate(name, unit, given, given, np.inf))
         return
     if known is not None:
-        weights = np.array([known.sd**-2, sd**-2])
-        value, sd = float(np.average([known.value, value], weights=weights)), float(weights.sum() ** -0.5)
+        value, sd = pooled([known.value, value], [known.sd, sd])
     found.estimates.append(_estimate(name, unit, given, value, sd))
     if abs(value - given) > _SIGNIFICANT * sd:
         update[key] = round(value, 4)

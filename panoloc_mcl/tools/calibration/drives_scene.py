@@ -23,6 +23,7 @@ from panoloc_mcl.robot.single_blas import one_blas_thread
 from panoloc_mcl.robot.synthesis.views import ViewSynthesizer
 from panoloc_mcl.tools.calibration.blocks import Equations, agreeing, derivative, residual, without_pose
 from panoloc_mcl.tools.calibration.features import (
+    COARSE_COLUMNS,
     Features,
     Warp,
     features_of,
@@ -126,12 +127,18 @@ class DrivesScene:
     yardstick : Yardstick
     tracks : sequence of Track
         All of one camera.
+    most : int
+        Images looked at, evenly over all.
+    columns : int
+        Of the panoramas, at most.
     """
 
-    def __init__(self, yardstick: Yardstick, tracks: Sequence[Track]) -> None:
+    def __init__(
+        self, yardstick: Yardstick, tracks: Sequence[Track], most: int = _MOST_IMAGES, columns: int = COARSE_COLUMNS
+    ) -> None:
         self._yardstick, self._settings = yardstick, yardstick.settings
         references = yardstick.references
-        self.geometry = geometry_for_calibration(references.camera, references.image_size)
+        self.geometry = geometry_for_calibration(references.camera, references.image_size, columns)
         assert yardstick.panoramas.camera_height_m is not None
         self._warp = Warp(self.geometry, yardstick.panoramas.camera_height_m)
         raw = [softened(read_image(file), references.camera, self.geometry) for file in references.files]
@@ -139,7 +146,7 @@ class DrivesScene:
         self._source_poses = np.column_stack([references.camera_positions, references.base_headings])
         self._tree = cKDTree(references.camera_positions)
         everything = [(track, at) for track in tracks for at in range(len(track.indices))]
-        chosen = np.unique(np.linspace(0, len(everything) - 1, _MOST_IMAGES).round().astype(int)).tolist()
+        chosen = np.unique(np.linspace(0, len(everything) - 1, most).round().astype(int)).tolist()
         self.image_size = tracks[0].drive.image_size
         self._images, poses = [], []
         for track, at in (everything[index] for index in chosen):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from panoloc_mcl.robot.geometry import angle_difference, between, interpolate_at
 
@@ -14,6 +14,8 @@ Float64 = NDArray[np.float64]
 FEWEST_IMAGES = 8
 # Errors of wheels along the way and aside of it, as shares of it: where to begin, and the least; the rest of a drive tells them.
 _SHARES, _LEAST_SHARE, _ROUNDS = (0.1, 0.03), 0.005, 6
+# What a turn of a radian moves a base aside that odometry knows nothing of; on a rendered hall's noisy wheels.
+_SLIP_M = 0.01
 # How much of an error of the heading comes about by a metre, to that by a radian.
 _DRIFT = 0.1
 _IMAGE_M = 0.002
@@ -32,7 +34,7 @@ class Placement:
     ----------
     x_m, y_m, yaw : float
         Of the camera on the base; ``yaw`` is what the direction of travel adds to the heading that images gave, radians.
-    sd_m, sd_yaw : float
+    sd_x_m, sd_y_m, sd_yaw : float
     time_offset_s, sd_time_s : float
         To be added to the stamps of images.
     odometry_scale : float
@@ -43,12 +45,18 @@ class Placement:
     x_m: float
     y_m: float
     yaw: float
-    sd_m: float
+    sd_x_m: float
+    sd_y_m: float
     sd_yaw: float
     time_offset_s: float
     sd_time_s: float
     odometry_scale: float
     images: int
+
+    @property
+    def sd_m(self) -> float:
+        """The larger one of both positions."""
+        return max(self.sd_x_m, self.sd_y_m)
 
 
 def place_camera(times: Float64, poses: Float64, odometry_times: Float64, odometry: Float64) -> Placement | None:
@@ -72,7 +80,7 @@ def place_camera(times: Float64, poses: Float64, odometry_times: Float64, odomet
         return None
     offset, sd_time = _time_offset(times, poses, odometry_times, odometry)
     used = offset if sd_time <= OBSERVABLE_S and abs(offset) > LATE * sd_time else 0.0
-    way, lengths, along = _ways(times + used, poses[:, 2], odometry_times, odometry)
+    way, lengths, along, turned = _ways(times + used, poses[:, 2], odometry_times, odometry)
     turns = _turn(poses[:, 2])
     # Camera motion = scaled and turned way of the base + what its turn swings the camera by.
     aside = np.stack([-way[:, 1], way[:, 0]], axis=-1)
@@ -81,9 +89,10 @@ def place_camera(times: Float64, poses: Float64, odometry_times: Float64, odomet
     # The error of an image enters the way before it and the way after it.
     links = np.diff(np.eye(len(times)), axis=0)
     of_images = _IMAGE_M**2 * np.kron(links @ links.T, np.eye(2))
+    slip = (_SLIP_M * turned[:, None, None]) ** 2 * np.eye(2)
     kept, shares = np.ones(len(way), dtype=np.bool_), _SHARES
     for _ in range(_ROUNDS):
-        spread = lengths[:, None, None] ** 2 * (shares[0] ** 2 * along + shares[1] ** 2 * (np.eye(2) - along))
+        spread = lengths[:, None, None] ** 2 * (shares[0] ** 2 * along + shares[1] ** 2 * (np.eye(2) - along)) + slip
         covariance = of_images.copy()
         for step in range(len(way)):
             at = slice(2 * step, 2 * step + 2)
@@ -100,9 +109,20 @@ def place_camera(times: Float64, poses: Float64, odometry_times: Float64, odomet
     error = variance * np.linalg.inv(normal)
     scale = float(np.hypot(found[0], found[1]))
     sd_yaw = float(np.sqrt(error[1, 1])) / max(scale, 1e-6)
-    sd_m = float(np.sqrt(max(error[2, 2], error[3, 3])))
+    sd_x, sd_y = (float(np.sqrt(error[axis, axis])) for axis in (2, 3))
     yaw = float(np.arctan2(found[1], found[0]))
-    return Placement(float(found[2]), float(found[3]), yaw, sd_m, sd_yaw, offset, sd_time, scale, len(times))
+    return Placement(float(found[2]), float(found[3]), yaw, sd_x, sd_y, sd_yaw, offset, sd_time, scale, len(times))
+
+
+def pooled(values: ArrayLike, sds: ArrayLike) -> tuple[float, float]:
+    """Weighted mean of measurements and its standard deviation, larger where they differ by more than they claim (Birge ratio)."""
+    value, sd = np.asarray(values, dtype=np.float64), np.asarray(sds, dtype=np.float64)
+    weights = sd**-2.0
+    if not weights.any():
+        return float(value.mean()), np.inf
+    mean = float(np.average(value, weights=weights))
+    ratio = np.sqrt(float((weights * (value - mean) ** 2).sum()) / max(len(value) - 1, 1))
+    return mean, float(weights.sum() ** -0.5 * max(1.0, ratio))
 
 
 def _shares(rest: Float64, way: Float64, lengths: Float64) -> tuple[float, float]:
@@ -118,7 +138,7 @@ def _shares(rest: Float64, way: Float64, lengths: Float64) -> tuple[float, float
     return first, second
 
 
-def _ways(times: Float64, headings: Float64, odometry_times: Float64, odometry: Float64) -> tuple[Float64, Float64, Float64]:
+def _ways(times: Float64, headings: Float64, odometry_times: Float64, odometry: Float64) -> tuple[Float64, ...]:
     """What the base drove between images, in the map's axes: its lengths by odometry, its directions by the headings of the images.
 
     Odometry's headings are mended where it turned, so that they meet those of the images. What is left is mostly an error of lengths.
@@ -129,6 +149,8 @@ def _ways(times: Float64, headings: Float64, odometry_times: Float64, odometry: 
     lengths : float64 (n - 1,)
     along : float64 (n - 1, 2, 2)
         Mean projection onto the direction of travel.
+    turned : float64 (n - 1,)
+        By how much, to either side, radians.
     """
     inside = odometry_times[(odometry_times > times[0]) & (odometry_times < times[-1])]
     stamps = np.union1d(times, inside)
@@ -145,7 +167,8 @@ def _ways(times: Float64, headings: Float64, odometry_times: Float64, odometry: 
     whole = np.add.reduceat(lengths, ends[:-1])
     weights = lengths + 1e-9
     along = np.add.reduceat(np.einsum("k,ki,kj->kij", weights, ahead, ahead), ends[:-1])
-    return way, whole, along / np.add.reduceat(weights, ends[:-1])[:, None, None]
+    turned = np.add.reduceat(np.abs(steps[:, 2]), ends[:-1])
+    return way, whole, along / np.add.reduceat(weights, ends[:-1])[:, None, None], turned
 
 
 def _time_offset(times: Float64, poses: Float64, odometry_times: Float64, odometry: Float64) -> tuple[float, float]:

@@ -17,6 +17,7 @@ from panoloc_mcl.robot.references import References
 from panoloc_mcl.robot.settings.observation import VotesSettings
 from panoloc_mcl.tools.calibration.blocks import Equations, agreeing, derivative, residual, without_walls
 from panoloc_mcl.tools.calibration.features import (
+    COARSE_COLUMNS,
     Features,
     Warp,
     features_of,
@@ -47,6 +48,8 @@ class ReferencesScene:
         Where the search begins.
     most : int
         References looked at, evenly over all.
+    columns : int
+        Of the panoramas, at most.
 
     Raises
     ------
@@ -54,14 +57,21 @@ class ReferencesScene:
         No two references at different places, or a camera whose height nobody says.
     """
 
-    def __init__(self, references: References, settings: VotesSettings, camera: AnyCamera, most: int = _MOST_IMAGES) -> None:
+    def __init__(
+        self,
+        references: References,
+        settings: VotesSettings,
+        camera: AnyCamera,
+        most: int = _MOST_IMAGES,
+        columns: int = COARSE_COLUMNS,
+    ) -> None:
         if camera.height_m is None:
             raise DatasetError(f"{references.path}: camera.height_m is not given; say how high the camera is above the floor")
         positions = references.poses[:, :2]
         if len(np.unique(positions.round(3), axis=0)) < 3:
             raise DatasetError(f"{references.path}: has fewer than three places; the camera cannot be told from so few")
         self._references, self._settings = references, settings
-        self.geometry = geometry_for_calibration(camera, references.image_size)
+        self.geometry = geometry_for_calibration(camera, references.image_size, columns)
         chosen = np.unique(np.linspace(0, len(positions) - 1, most).round().astype(int))
         self.targets = [int(index) for index in chosen]
         nearest = cKDTree(positions).query(positions[chosen], k=min(4 * _NEIGHBOURS, len(positions)))

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from panoloc_mcl.robot.geometry import compose, interpolate_at
-from panoloc_mcl.tools.calibration.odometry import place_camera
+from panoloc_mcl.robot.geometry import between, compose, interpolate_at
+from panoloc_mcl.tools.calibration.odometry import place_camera, pooled
 
 MOUNT = np.array([0.15, 0.05, 0.0])
 
@@ -60,3 +60,33 @@ def test_a_drive_that_never_turns_tells_nothing_of_the_offset() -> None:
 def test_a_few_images_are_not_enough() -> None:
     times, base = drive(turns=True)
     assert place_camera(times[:5], base[:5], times, base) is None
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_wheels_that_slip_along_the_way_cost_little(seed: int) -> None:
+    """Lengths off by a tenth and a heading that creeps: what leads aside is still told by the headings of the images."""
+    rng = np.random.default_rng(seed)
+    times, base = drive(turns=True, seconds=40.0)
+    stamps, poses = seen(base, times, np.arange(1.0, 39.0, 0.8), rng)
+    steps = between(base[:-1], base[1:])
+    lengths = np.hypot(steps[:, 0], steps[:, 1])
+    # A slip lasts as long as an image.
+    steps[:, :2] *= 1.0 + 0.1 * np.repeat(rng.standard_normal(len(steps) // 16 + 1), 16)[: len(steps), None]
+    steps[:, 2] += np.radians(1.0) * lengths
+    path = [np.zeros(3)]
+    for step in steps:
+        path.append(compose(path[-1], step))
+    found = place_camera(stamps, poses, times, np.array(path))
+    assert found is not None
+    assert abs(found.yaw) < np.radians(0.3)
+    assert abs(found.x_m - 0.15) < min(0.005, 3.0 * found.sd_x_m)
+    assert abs(found.y_m - 0.05) < 3.0 * found.sd_y_m
+
+
+def test_measurements_that_contradict_each_other_are_not_believed_to_the_millimetre() -> None:
+    agreed, sd = pooled([0.05, 0.052], [0.002, 0.002])
+    assert (agreed, sd) == pytest.approx((0.051, 0.002 / np.sqrt(2.0)))
+    _, wide = pooled([0.05, 0.07], [0.002, 0.002])
+    assert wide == pytest.approx(0.01)
+    assert pooled([0.05, 1.0], [0.002, np.inf]) == pytest.approx((0.05, 0.002))
+    assert pooled([0.0, 0.0], [np.inf, np.inf])[1] == np.inf

@@ -120,8 +120,7 @@ def test_a_build_that_was_stopped_goes_on_and_gives_the_same(small_room: Dataset
 
     for stage in (1, 2, 3):
         path = tmp_path / f"{stage}.unfinished"
-        keep = Stages.keep
-        kept: list[int] = []
+        keep, kept = Stages.keep, []
 
         def stop(self: Stages, done: Stage, last: int = stage, keep=keep, kept=kept) -> None:
             keep(self, done)
