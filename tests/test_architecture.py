@@ -42,8 +42,8 @@ def code_lines(path):
     skipped = set()
     for node in ast.walk(ast.parse(text)):
         docstring = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
-        if docstring or isinstance(node, ast.Import | ast.ImportFrom):
-            skipped |= set(range(node.lineno, node.end_lineno + 1))
+        if isinstance(node, ast.stmt) and (docstring or isinstance(node, ast.Import | ast.ImportFrom)):
+            skipped |= set(range(node.lineno, (node.end_lineno or node.lineno) + 1))
         if isinstance(node, ast.FunctionDef):
             skipped |= set(range(node.lineno, node.body[0].lineno))
     lines = ((number, line.strip()) for number, line in enumerate(text.splitlines(), start=1))

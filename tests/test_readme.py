@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -24,7 +25,7 @@ def found(pattern):
 
 @pytest.mark.parametrize("name", found(r"`((?:observation|localizer|kidnap)\.[a-z_.]+)`"))
 def test_every_parameter_exists(name):
-    model = RunConfig
+    model: Any = RunConfig
     *parts, last = name.split(".")
     for part in parts:
         model = model.model_fields[part].annotation

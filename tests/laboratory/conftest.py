@@ -13,7 +13,7 @@ from panoloc_mcl.tools.cli.main import main
 class Answer:
     """What a command that gives a report answered."""
 
-    code: int
+    code: int | str | None
     report: dict[str, Any] | None
     err: str
 
@@ -38,7 +38,7 @@ def ask(own_cache, capsys):
 
     def call(*words) -> Answer:
         try:
-            code = main([*map(str, words), "--json"])
+            code: int | str | None = main([*map(str, words), "--json"])
         except SystemExit as end:
             code = end.code
         said = capsys.readouterr()

@@ -108,7 +108,8 @@ def synthesised(warper, profiles, position, settings):
     total = weights = 0.0
     for source, distance in zip(order[: settings.virtual_places.sources], distances, strict=False):
         profile = warping.moved_profile(profiles[source], *(position - references.positions[source]))
-        z, usable = features(*warper.view(source, position, profile), settings)
+        pixels, seen = warper.view(source, position, profile)
+        z, usable = features(pixels, seen, settings)
         weight = 1.0 / (distance + NEAR_M)
         total, weights = total + weight * z, weights + weight * usable
     return np.divide(total, weights, out=np.zeros_like(total), where=weights > 0.0), weights > 0.0

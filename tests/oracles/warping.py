@@ -22,7 +22,7 @@ def move_profile(profile, dx, dy):
     columns = len(profile)
     points = profile * np.exp(1j * azimuths(columns)) - complex(dx, dy)
     ranges, at = np.abs(points), np.mod(-np.angle(points) * columns / (2.0 * np.pi), columns)
-    seen = [[] for _ in range(columns)]
+    seen: list[list[tuple[float, float]]] = [[] for _ in range(columns)]
     for k in range(columns):
         first, second = ranges[k], ranges[(k + 1) % columns]
         step = (at[(k + 1) % columns] - at[k] + columns / 2) % columns - columns / 2

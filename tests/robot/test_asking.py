@@ -45,8 +45,8 @@ def model_of(world):
     """One for all: it is not changed by anything."""
     panorama_map = world[0]
     if not hasattr(model_of, "kept"):
-        model_of.kept = panorama_map.observation_model(config_from_mapping({}).observation)
-    return model_of.kept
+        model_of.kept = panorama_map.observation_model(config_from_mapping({}).observation)  # type: ignore[attr-defined]
+    return model_of.kept  # type: ignore[attr-defined]  # a function's own attribute
 
 
 def happen(localizer: Localizer, world, what: str, index: int, now: float) -> Estimate | None:

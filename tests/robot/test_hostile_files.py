@@ -4,6 +4,7 @@ import io
 import os
 import struct
 import zipfile
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -52,7 +53,9 @@ def test_a_thumbnail_does_not_stand_for_the_image(tmp_path):
     exif = b"\xff\xe1" + struct.pack(">H", len(small) + 2) + small
     path.write_bytes(data[:2] + exif + data[2:])
     assert image_size(path) == (60, 40)
-    assert np.array_equal(read_image(path), cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED))
+    whole = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    assert whole is not None
+    assert np.array_equal(read_image(path), whole)
     path.write_bytes((data[:2] + exif + data[2:])[:-200])
     with pytest.raises(ImageError, match="cut off"):
         read_image(path)
@@ -162,7 +165,7 @@ def test_the_old_file_stays_whole_when_writing_is_cut_short(error, tmp_path, mon
     def fail(handle):
         raise error
 
-    monkeypatch.setattr(files.os, "fsync", fail)
+    monkeypatch.setattr("os.fsync", fail)
     with pytest.raises((KeyboardInterrupt, OutputError), match=r"No space left|^$"):
         write_atomically(path, "new")
     assert path.read_text() == "old"
@@ -174,5 +177,5 @@ def test_the_cache_of_a_user_without_a_home(monkeypatch, tmp_path):
     with pytest.raises(ConfigError, match="PANOLOC_CACHE_DIR = ~nobody-of-that-name/x: there is no such home"):
         cache_folder()
     monkeypatch.delenv(CACHE_VARIABLE)
-    monkeypatch.setattr(files, "user_cache_path", lambda *args, **kwargs: files.Path("~/.cache/panoloc_mcl"))
+    monkeypatch.setattr(files, "user_cache_path", lambda *args, **kwargs: Path("~/.cache/panoloc_mcl"))
     assert cache_folder().is_absolute()

@@ -13,7 +13,7 @@ RNG = np.random.default_rng(0)
 @pytest.mark.parametrize("shape", [(7, 5), (7, 5, 3), (7, 5, 4)])
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 def test_png_is_kept_as_it_is(tmp_path: Path, shape: tuple[int, ...], dtype: type) -> None:
-    image = RNG.integers(0, np.iinfo(dtype).max, shape, dtype=dtype)
+    image: np.ndarray = RNG.integers(0, np.iinfo(dtype).max, shape, dtype=dtype)
     write_image(tmp_path / "a.png", image)
     back = read_image(tmp_path / "a.png")
     assert back.dtype == dtype

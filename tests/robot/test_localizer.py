@@ -1,5 +1,6 @@
 import math
 from dataclasses import replace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -54,9 +55,18 @@ def localizer(request, panorama_map: PanoramaMap, drive: Drive) -> Localizer:
     return Localizer(panorama_map, config(request.param, initial="known_pose"), start_pose=drive.start)
 
 
-def same(one: Estimate, other: Estimate) -> bool:
+def same(one: Estimate | None, other: Estimate | None) -> bool:
+    assert one is not None
+    assert other is not None
     arrays = ((e.pose, e.covariance, e.vote_field.votes) for e in (one, other))
     return all(np.array_equal(a, b) for a, b in zip(*arrays, strict=True)) and one.status == other.status
+
+
+def asked(localizer: Localizer) -> Estimate:
+    """What it believes now: an image whose stamp is no time is left out, and the estimate stays."""
+    estimate = localizer.add_image(math.nan, np.zeros((1, 1), np.uint8))
+    assert estimate is not None
+    return estimate
 
 
 def test_it_finds_itself_and_follows_the_drive(panorama_map: PanoramaMap, drive: Drive) -> None:
@@ -125,7 +135,7 @@ def test_a_bad_image_is_skipped_and_told(kind: str, localizer: Localizer, drive:
         localizer.add_odometry(time, pose)
     localizer.add_image(drive.times[0], drive.images[0])
     image, words = bad_images(drive.images[1])[kind]
-    estimate = localizer.add_image(drive.times[1], image)
+    estimate = localizer.add_image(drive.times[1], cast("np.ndarray", image))  # some are none: that is the fault
     assert words in estimate.message
     assert "\n" not in estimate.message
     assert localizer.images_skipped == 1
@@ -143,7 +153,7 @@ def test_a_bad_image_is_skipped_and_told(kind: str, localizer: Localizer, drive:
     ("stamp", "words"),
     [(math.nan, "not finite"), (math.inf, "not finite"), ("same", "twice"), ("ancient", "late")],
 )
-def test_a_bad_time_stamp_is_skipped_and_told(stamp: float | str, words: str, localizer: Localizer, drive: Drive) -> None:
+def test_a_bad_time_stamp_is_skipped_and_told(stamp: Any, words: str, localizer: Localizer, drive: Drive) -> None:
     for time, pose in drive.odometry:
         localizer.add_odometry(time, pose)
     before = localizer.add_image(drive.times[2], drive.images[2])
@@ -305,7 +315,7 @@ def test_a_late_image_counts_once(localizer: Localizer, drive: Drive) -> None:
         localizer.add_odometry(time, pose)
     for index in (0, 1, 3, 2):
         assert localizer.add_image(drive.times[index], drive.images[index]).message == ""
-    before = localizer.add_image(math.nan, None)
+    before = asked(localizer)
     for index in (2, 0, 1, 3):
         again = localizer.add_image(drive.times[index], drive.images[index])
         assert "came twice" in again.message
@@ -385,7 +395,7 @@ def test_resumed_from_a_saved_state_it_ends_to_the_bit_where_an_uninterrupted_ru
     events.sort(key=lambda event: event[1])
     chosen = config(mode, initial="known_pose", monte_carlo={"particles": 300})
 
-    def play(localizer: Localizer, part: list[tuple]) -> list[Estimate]:
+    def play(localizer: Localizer, part: list[tuple]) -> list[Estimate | None]:
         answers = []
         for kind, time, what in part:
             if kind == "odometry":
@@ -406,10 +416,10 @@ def test_resumed_from_a_saved_state_it_ends_to_the_bit_where_an_uninterrupted_ru
     # Another start and seed: neither counts any more.
     second = Localizer(panorama_map, config(mode, monte_carlo={"particles": 300, "threads": 2}), seed=99)
     second.load_state(tmp_path / "state.npz")
-    asked, told = second.add_image(math.nan, None), first.add_image(math.nan, None)
-    assert np.array_equal(asked.pose, told.pose)
-    assert asked.message == told.message
-    assert np.array_equal(asked.best_place_votes, told.best_place_votes, equal_nan=True)
+    now, before = asked(second), asked(first)
+    assert np.array_equal(now.pose, before.pose)
+    assert now.message == before.message
+    assert np.array_equal(now.best_place_votes, before.best_place_votes, equal_nan=True)
     rest = play(second, events[split:])
     assert len(rest) == len(expected) - cut - 1
     for one, other in zip(rest, expected[cut + 1 :], strict=True):
@@ -433,7 +443,7 @@ def test_a_state_that_does_not_fit_is_one_line_and_changes_nothing(panorama_map:
     }.items():
         (tmp_path / name).write_bytes(damaged)
     np.savez(tmp_path / "other.npz", header=np.frombuffer(b'{"format": "something/1"}', dtype=np.uint8))
-    before = localizer.add_image(math.nan, None)
+    before = asked(localizer)
     for name, words in {
         "short": "not a saved state",
         "flipped": "not a saved state",
@@ -446,7 +456,7 @@ def test_a_state_that_does_not_fit_is_one_line_and_changes_nothing(panorama_map:
             localizer.load_state(tmp_path / name)
         assert len(caught.value.faults) == 1
         assert str(tmp_path / name) in str(caught.value)
-    assert np.array_equal(localizer.add_image(math.nan, None).pose, before.pose)
+    assert np.array_equal(asked(localizer).pose, before.pose)
     other = Localizer(panorama_map, config(monte_carlo={"particles": 101}))
     with pytest.raises(StateError, match=r"localizer\.monte_carlo\.particles = 100, now 101"):
         other.load_state(good)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -118,7 +119,7 @@ class SimulationConfig(StrictModel):
         return self
 
 
-def load_simulation(path: Path, overrides: list[str | Override] | None = None) -> SimulationConfig:
+def load_simulation(path: Path, overrides: Sequence[str | Override] = ()) -> SimulationConfig:
     """Read a configuration; overrides beat the file.
 
     Raises
@@ -126,7 +127,7 @@ def load_simulation(path: Path, overrides: list[str | Override] | None = None) -
     ConfigError
         Every fault, one line each.
     """
-    data, parsed = read_yaml(path), parse_overrides(overrides or [])
+    data, parsed = read_yaml(path), parse_overrides(overrides)
     for override in parsed:
         apply(data, override)
     return validate(SimulationConfig, data, lambda location: source_at(location, parsed, str(path)))

@@ -1,5 +1,6 @@
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -61,13 +62,15 @@ def test_the_key_goes_with_the_data_and_not_with_their_place(plan_of, small_room
     copy = shutil.copytree(small_room.path, tmp_path / "elsewhere")
     before = [job.key for job in jobs(plan_of())]
     assert [job.key for job in jobs(plan_of(datasets=[str(copy)]))] == before
-    image = read_dataset(copy).sequences["noon_00"].files[3]
-    shutil.copy(read_dataset(copy).sequences["noon_00"].files[4], image)
+    fourth, fifth = read_dataset(copy).sequences["noon_00"].files[3:5]
+    assert isinstance(fourth, Path)
+    assert isinstance(fifth, Path)
+    shutil.copy(fifth, fourth)
     assert not set(before) & {job.key for job in jobs(plan_of(datasets=[str(copy)]))}
 
 
 def test_all_models_see_the_same_corrupted_images(plan_of, monkeypatch):
-    seen = {}
+    seen: dict[str, list[np.ndarray]] = {}
 
     class Spy:
         def __init__(self, model):
@@ -101,7 +104,12 @@ def test_an_imperfect_data_set_is_written_once_and_run_over(plan_of, monkeypatch
     )
     assert len({clean.key, job.key, again.key}) == 3
     written = []
-    monkeypatch.setattr(cells, "corrupt", lambda *words: written.append(words) or corrupt(*words))
+
+    def counted(*words):
+        written.append(words)
+        return corrupt(*words)
+
+    monkeypatch.setattr(cells, "corrupt", counted)
     monkeypatch.setattr(cells, "_MAPS", {})
     first, second = attempt(job), attempt(job)
     assert isinstance(first, Runs)
@@ -123,13 +131,18 @@ def test_single_images_tell_of_the_base_too(plan_of):
     # Both are told in the frame of their own base, 15 cm apart, along the heading.
     np.testing.assert_allclose(shifts, 0.15, atol=0.02)
     (record,), (other,) = attempt(clean).records, attempt(job).records
-    errors = [np.hypot(*(one.poses - one.truth)[:, :2].T) for one in (record, other)]
+    assert record.truth is not None
+    assert other.truth is not None
+    errors = [
+        np.hypot(*(poses - truth)[:, :2].T) for poses, truth in ((record.poses, record.truth), (other.poses, other.truth))
+    ]
     np.testing.assert_allclose(errors[0], errors[1], atol=0.03)
 
 
 def test_a_kept_cell_is_read_as_it_was(plan_of, tmp_path):
     (job, *_) = jobs(plan_of())
     runs = attempt(job)
+    assert isinstance(runs, Runs)
     write_runs(tmp_path / "cell.npz", job.key, job.cell.axes, runs)
     same(read_runs(tmp_path / "cell.npz", job.key), runs)
     with pytest.raises(ResultsError, match="run again"):
@@ -139,7 +152,9 @@ def test_a_kept_cell_is_read_as_it_was(plan_of, tmp_path):
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.9, 0.999])
 def test_a_truncated_cell_is_refused(plan_of, tmp_path, share):
     (job, *_) = jobs(plan_of())
-    write_runs(tmp_path / "cell.npz", job.key, job.cell.axes, attempt(job))
+    runs = attempt(job)
+    assert isinstance(runs, Runs)
+    write_runs(tmp_path / "cell.npz", job.key, job.cell.axes, runs)
     whole = (tmp_path / "cell.npz").read_bytes()
     (tmp_path / "cell.npz").write_bytes(whole[: int(share * len(whole))])
     with pytest.raises(ResultsError, match="run again"):

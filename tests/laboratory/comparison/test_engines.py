@@ -33,7 +33,7 @@ def scheduler(fresh_port, tmp_path):
     pytest.importorskip("distributed")
     address = f"tcp://127.0.0.1:{fresh_port}"
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    started = []
+    started: list[subprocess.Popen] = []
 
     def start(*words):
         log = (tmp_path / f"dask_{len(started)}.log").open("w")

@@ -10,9 +10,9 @@ from panoloc_mcl.laboratory.comparison.runs import Answers, Runs
 from panoloc_mcl.robot.geometry import compose
 
 
-def watched(entry, poses=None, sd=0.01, alone=None, **record):
+def watched(entry, poses=None, sd=0.01, alone=None, **drive):
     """A run with answers of the covariance ``sd``, and with poses and single images as given."""
-    (before,) = entry(**record).result.records
+    (before,) = entry(**drive).result.records
     record = before if poses is None else replace(before, poses=poses(before.truth))
     record = replace(record, covariances=np.tile(np.diag([sd, sd, sd]) ** 2, (len(record), 1, 1)))
     single = record.truth.copy() if alone is None else alone(record.truth)

@@ -1,3 +1,6 @@
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,7 +12,7 @@ FIELD = {"elevation_deg": (-50.0, 25.0)}
 NOISELESS = {"full_well": 0.0}
 
 #: Each function with a severity that changes something, and one that changes nothing.
-EVERY = {
+EVERY: dict[str, tuple[Callable[..., np.ndarray], dict[str, Any], dict[str, Any]]] = {
     "random_pixels": (random_pixels, {"share": 0.3}, {"share": 0.0}),
     "bars": (bars, {"share": 0.3}, {"share": 0.0}),
     "blobs": (blobs, {"share": 0.3}, {"share": 0.0}),

@@ -1,5 +1,6 @@
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -42,7 +43,7 @@ CAMERAS = pytest.mark.parametrize(
 MIRRORED = PanoramaCamera(elevation_deg=(-40.0, 30.0), columns="counterclockwise", heading_column=17.5)
 
 
-_SIGHTS = {}
+_SIGHTS: dict[tuple[type, tuple[int, int]], Any] = {}
 
 
 def a_view(camera=CAMERA, size=SIZE, pose=(0.3, -0.2, 0.4), copy=0, time=0.0):
@@ -345,6 +346,7 @@ def test_what_is_told_of_clocks_brings_images_and_odometry_together(small_room, 
 def test_what_is_told_of_surveys_is_how_good_they_are(small_room, tmp_path):
     recipe = parse_recipe("pose_noise:strong+doubled:mild+standing:mild+told")
     written = read_dataset(corrupt(small_room, recipe, 0, tmp_path / "out")).references
+    assert written.sds is not None
     assert written.sds.shape == (len(written), 2)
     np.testing.assert_allclose(written.sds, np.tile([0.1, np.radians(2.0)], (len(written), 1)))
     again = read_dataset(

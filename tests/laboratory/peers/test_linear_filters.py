@@ -1,3 +1,5 @@
+from typing import Literal
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -55,10 +57,10 @@ def by_scipy(image: np.ndarray, kernels) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("filters", "width"), [("gradients", 1.0), ("steerable", 0.7), ("steerable", 1.0), ("steerable", 2.5)])
-def test_two_basis_responses_agree_with_the_bank_of_three(filters: str, width: float) -> None:
+def test_two_basis_responses_agree_with_the_bank_of_three(filters: Literal["gradients", "steerable"], width: float) -> None:
     """The sums of squares and of products, which are all that least squares and trimming see, from plainly correlated filters."""
     if filters == "gradients":
-        bank = GRADIENT_FILTERS
+        bank = list(GRADIENT_FILTERS)
     else:
         along = gaussian_derivative(width).astype(np.float64)
         bank = [np.cos(a) * along + np.sin(a) * along.T for a in np.radians(DIRECTIONS_DEG)]

@@ -54,7 +54,7 @@ def test_the_quick_report_has_everything(room, own_cache, tmp_path, capsys):
 )
 def test_faults_are_one_line(capsys, tmp_path, words, said):
     try:
-        code = main(["reproduce", *words, "--out", str(tmp_path)])
+        code: int | str | None = main(["reproduce", *words, "--out", str(tmp_path)])
     except SystemExit as end:
         code = end.code
     error = capsys.readouterr().err
@@ -70,7 +70,7 @@ def test_seeds_are_as_many_as_runs_and_passes_ask_for(hall):
         light: sum(
             methods.passed(drive.groundtruth.at(drive.times), dataset)
             for name, drive in dataset.sequences.items()
-            if name.startswith(light)
+            if drive.groundtruth is not None and name.startswith(light)
         )
         for light in methods.LIGHTS
     }

@@ -5,6 +5,7 @@ from oracles.furnished_room import build_room
 
 from panoloc_mcl.laboratory.studies import ablation
 from panoloc_mcl.laboratory.studies.ablation import NEAREST, PLACE_ALONE, TIME, WITHIN
+from panoloc_mcl.laboratory.studies.single_images import TIERS
 from panoloc_mcl.robot.camera import PanoramaGeometry
 from panoloc_mcl.robot.observation import MODELS
 
@@ -92,7 +93,7 @@ def test_a_model_that_cannot_be_built_is_a_row_and_the_rest_goes_on(ablate):
     # A model that gives no heading is judged by the place alone: the drive looks in all directions.
     row = rows["fourier_signature/magnitudes", "clean"]
     assert row[HEADING] == PLACE_ALONE
-    assert row[WITHIN[0]]["hits"] == (row[POSITION]["median"] <= ablation.TIERS[0][0])
+    assert row[WITHIN[0]]["hits"] == (row[POSITION]["median"] <= TIERS[0][0])
 
 
 def test_a_model_that_fails_on_a_condition_is_a_row_and_the_rest_goes_on(ablate, monkeypatch):

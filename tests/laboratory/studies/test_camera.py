@@ -1,5 +1,7 @@
 """The study of cameras, on a small room."""
 
+from typing import Any
+
 import pytest
 
 from panoloc_mcl.laboratory.corruptions import parse_recipe
@@ -28,7 +30,7 @@ def test_a_wrong_height_costs_accuracy_and_is_found(small_room, tmp_path, monkey
     monkeypatch.setattr(camera, "CASES", cases)
     monkeypatch.setattr(camera, "CAMERAS", ())
     monkeypatch.setenv("PANOLOC_CACHE_DIR", str(tmp_path / "cache"))
-    kept = []
+    kept: list[Any] = []
     report = study(RunConfig(dataset=str(small_room.path), map={"mend": False}), folder=tmp_path, keep=kept.append)
     assert len(kept) == len(cases)
     tables = report.data()["tables"]

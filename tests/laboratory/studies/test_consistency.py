@@ -1,5 +1,7 @@
 """The study of claims, on a small room."""
 
+from typing import Any
+
 import pytest
 
 from panoloc_mcl.laboratory.studies import consistency
@@ -28,7 +30,7 @@ def test_rows_count_drives_and_images_and_hold_errors_against_claims(room, monke
         Condition("poses off", "pose_noise:mild,xy_m=0.05,theta_deg=1", mended=False),
     )
     monkeypatch.setattr(consistency, "CONDITIONS", conditions)
-    kept = []
+    kept: list[Any] = []
     report = study(RunConfig(dataset=str(room)), keep=kept.append)
     (table,) = report.data()["tables"]
     rows = {row["condition"]: row for row in table["rows"]}

@@ -56,21 +56,26 @@ def test_the_same_command_gives_the_same_table(study):
     assert study(*words) == study(*words)
 
 
-def test_an_image_is_looked_at_once(small_room, own_cache):
+def test_an_image_is_looked_at_once(small_room, own_cache, monkeypatch):
     drive = small_room.select("all")[0]
     panorama_map = cached_map(small_room, RunConfig().observation, 0)
     model = panorama_map.observation_model(RunConfig().observation)
     unwrap = panorama_map.unwrapper(drive.camera, drive.image_size)
     panorama = unwrap(read_image(drive.files[0]))
     remembering, looked_at = Remembering(model), []
-    monkey = model.observe
-    model.observe = lambda *given: looked_at.append(1) or monkey(*given)
+    observe = model.observe
+
+    def counted(*given):
+        looked_at.append(1)
+        return observe(*given)
+
+    monkeypatch.setattr(model, "observe", counted)
     asked = np.array([0.3, -2.0])
     assert remembering.observe(panorama) is remembering.observe(panorama)
     given = [remembering.observe(panorama, asked), remembering.observe(panorama, asked + 0.5)][0]
     assert len(looked_at) == 2
     # As the model itself answers.
-    np.testing.assert_allclose(given.votes, monkey(panorama, asked).votes, atol=1e-5)
+    np.testing.assert_allclose(given.votes, observe(panorama, asked).votes, atol=1e-5)
     np.testing.assert_array_equal(given.headings, asked)
     circle = remembering.known[next(key for key in remembering.known if not key[1])]
     np.testing.assert_array_equal(given.votes, at_headings(circle.votes, asked))

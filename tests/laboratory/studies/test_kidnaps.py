@@ -1,6 +1,7 @@
 """Robots that are carried away, by the strict definition."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -43,7 +44,8 @@ def test_odometry_is_silent_where_the_robot_is_carried_and_leads_along_otherwise
 
 def test_panoramas_are_turned_in_the_order_of_the_images() -> None:
     seen: list[Panorama] = []
-    model = Turned(SimpleNamespace(observe=lambda panorama, headings: seen.append(panorama), name="votes"), [1, 0])
+    watching: Any = SimpleNamespace(observe=lambda panorama, headings: seen.append(panorama), name="votes")
+    model = Turned(watching, [1, 0])
     picture = np.arange(12, dtype=np.float32).reshape(2, 6)
     for _ in range(2):
         model.observe(Panorama(picture, picture > 0))

@@ -167,8 +167,10 @@ def test_a_mask_hides_what_it_hides_at_every_heading(tmp_path) -> None:
     camera = camera_from_mapping(camera_with_files(mapping, tmp_path, "dataset.yaml"), "dataset.yaml")
     image = np.full((40, 360), 99, dtype=np.uint8)
     panorama = Unwrapper(camera, (360, 40), geometry_of(camera, (360, 40)))(image)
+    assert panorama.valid is not None
     assert np.array_equal(panorama.valid, mask > 0)
     turned = Unwrapper(camera, (360, 40), geometry_of(camera, (360, 40)), turn=np.radians(-25.0))(image)
+    assert turned.valid is not None
     assert np.array_equal(turned.valid, np.roll(mask > 0, -25, axis=1))
     half = Unwrapper(camera, (360, 40), PanoramaGeometry(180, 20, -50.0, 25.0))(image)
     assert half.valid is not None

@@ -10,7 +10,7 @@ from panoloc_mcl.robot.filters import MonteCarloFilter, Start, Status
 from panoloc_mcl.robot.filters.likelihood import Likelihood
 from panoloc_mcl.robot.filters.prior import Prior, gaussian, uniform_density
 from panoloc_mcl.robot.geometry import compose
-from panoloc_mcl.robot.measurement import PoseMeasurement
+from panoloc_mcl.robot.measurement import Agreement, PoseMeasurement
 from panoloc_mcl.robot.motion import carried
 from panoloc_mcl.robot.observation import Places
 from panoloc_mcl.robot.settings.localizer import MonteCarloSettings, RecoverySettings, ResamplingSettings, StatusSettings
@@ -29,7 +29,9 @@ def a_filter(start: Start | None = None, seed: int = 0, **settings) -> MonteCarl
 
 
 def image_of(pose: np.ndarray, doubt: float = 0.004, covariance: np.ndarray = COVARIANCE):
-    field = hills(PLACES, pose).with_measurement(PoseMeasurement(pose, covariance, np.zeros(2), 0.9))
+    field = hills(PLACES, pose).with_measurement(
+        PoseMeasurement(pose, covariance, np.zeros(2), Agreement(0.9, np.full(24, 0.9)))
+    )
     return field.judged(1.0 - doubt, "")
 
 
@@ -157,7 +159,7 @@ def test_standing_still_teaches_nothing_new(seed: int) -> None:
 
 def test_a_drive_teaches_for_as_far_as_it_leads() -> None:
     """Errors that vary along the way: the belief is as far off as it says; if images were taken to err each by itself, it is not."""
-    squares = {True: [], False: []}
+    squares: dict[bool, list[float]] = {True: [], False: []}
     for seed in range(12):
         rng = np.random.default_rng(seed)
         beliefs = {correlated: a_filter(seed=seed, correlated=correlated) for correlated in squares}

@@ -259,6 +259,7 @@ def test_the_start_is_drawn_as_wide_as_it_is_known(start: Start, sd: tuple) -> N
     else:
         assert len(np.unique(PLACES.nearest(belief.poses[:, :2]))) == len(PLACES)
     if sd[1] is not None:
+        assert start.heading is not None
         assert angle_difference(belief.poses[:, 2], start.heading).std() == pytest.approx(sd[1], rel=0.1)
     else:
         # The mean of unit vectors of uniform directions is short.

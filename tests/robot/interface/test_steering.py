@@ -1,5 +1,6 @@
 import threading
 import time
+from typing import Any
 
 import numpy as np
 import pytest
@@ -98,7 +99,7 @@ def test_a_given_pose_is_believed_until_images_say_otherwise(panorama_map: Panor
         ((0.0, 0.0, 0.0), [[1.0, 5.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
     ],
 )
-def test_an_impossible_pose_changes_nothing(panorama_map: PanoramaMap, pose: object, covariance: object) -> None:
+def test_an_impossible_pose_changes_nothing(panorama_map: PanoramaMap, pose: Any, covariance: Any) -> None:
     localizer = Localizer(panorama_map)
     before = localizer.particles[0].copy()
     with pytest.raises(MeasurementError):
@@ -106,9 +107,15 @@ def test_an_impossible_pose_changes_nothing(panorama_map: PanoramaMap, pose: obj
     assert np.array_equal(before, localizer.particles[0])
 
 
+def first_image(drive: Drive) -> np.ndarray:
+    image = next(message for message in recorded(drive) if isinstance(message, Image)).pixels()
+    assert isinstance(image, np.ndarray)
+    return image
+
+
 def test_one_image_is_located_by_itself(panorama_map: PanoramaMap, drive: Drive) -> None:
     localizer = Localizer(panorama_map)
-    image = next(message for message in recorded(drive) if isinstance(message, Image)).pixels()
+    image = first_image(drive)
     before = localizer.particles[0].copy()
     location = localizer.locate(image)
     assert off(location.pose, drive.groundtruth.poses[0])[0] < 0.5
@@ -240,8 +247,10 @@ def test_with_a_camera_off_the_centre_all_poses_are_the_bases(panorama_map: Pano
     assert now.pose == pytest.approx(estimate.pose)
     assert now.covariance == pytest.approx(estimate.covariance)
     frame = localizer.odometry_to_map(estimate.timestamp)
-    assert compose(frame.pose, localizer.driven(estimate.timestamp)) == pytest.approx(estimate.pose)
-    image = next(message for message in recorded(drive) if isinstance(message, Image)).pixels()
+    driven = localizer.driven(estimate.timestamp)
+    assert driven is not None
+    assert compose(frame.pose, driven) == pytest.approx(estimate.pose)
+    image = first_image(drive)
     assert off(localizer.locate(image).pose, mount.base_poses(drive.groundtruth.poses[0]))[0] < 0.5
     localizer.set_pose((1.0, 2.0, 0.5), np.diag([1e-6, 1e-6, 1e-6]))
     assert localizer.pose_at().pose == pytest.approx([1.0, 2.0, 0.5], abs=0.01)

@@ -126,9 +126,9 @@ def test_the_limit_agrees_with_sorting(data: st.DataObject) -> None:
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_whitened_equations_say_the_same(dtype: type) -> None:
-    design = np.random.default_rng(4).standard_normal((3, 40, 5)).astype(dtype)
+    design: np.ndarray = np.random.default_rng(4).standard_normal((3, 40, 5)).astype(dtype)
     design[1, :, 2] = 0.0
-    observed = np.random.default_rng(5).standard_normal((3, 40)).astype(dtype)
+    observed: np.ndarray = np.random.default_rng(5).standard_normal((3, 40)).astype(dtype)
     equations, back = whitened(design)
     assert equations.dtype == back.dtype == dtype
     assert not equations[:, :, -1].any()
@@ -179,7 +179,7 @@ def voting_problem(seed: int, shifts: np.ndarray) -> dict:
 def vote(variant, problem: dict, dtype: type = np.float64) -> np.ndarray:
     """The same problem as the kernel takes it."""
     equations, back = whitened(by_filter(problem["design"]).astype(dtype))
-    mean = by_filter(problem["mean_responses"][..., None])[..., 0].astype(dtype)
+    mean: np.ndarray = by_filter(problem["mean_responses"][..., None])[..., 0].astype(dtype)
     return variant(voting.vote)(
         *(problem[key] for key in ("responses", "rows", "columns")),
         *in_both_orders(equations, problem["rows"].shape[1]),

@@ -14,7 +14,7 @@ from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.references import References
 from panoloc_mcl.robot.settings.map import MapSettings
 from panoloc_mcl.robot.settings.observation import VotesSettings
-from panoloc_mcl.tools.datasets import Dataset, read_dataset
+from panoloc_mcl.tools.datasets import Dataset, read_dataset, read_image
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def turned(near: Dataset, tmp_path_factory: pytest.TempPathFactory) -> Reference
     for index, (file, shift) in enumerate(zip(references.files, shifts, strict=True)):
         files.append(folder / f"{index}.png")
         # Clockwise columns: what lies ahead lies to the right after a turn to the left.
-        cv2.imwrite(str(files[-1]), np.roll(cv2.imread(str(file)), int(shift), axis=1))
+        cv2.imwrite(str(files[-1]), np.roll(read_image(file), int(shift), axis=1))
     poses = references.poses.copy()
     poses[:, 2] = wrap_angle(poses[:, 2] + 2.0 * np.pi * shifts / columns)
     return replace(references, files=tuple(files), poses=poses)

@@ -21,7 +21,9 @@ from panoloc_mcl.tools.datasets.writer import DatasetWriter
 CAMERA = PanoramaCamera(elevation_deg=(-50.0, 25.0), height_m=0.6)
 IMAGES = [texture(seed) for seed in range(4)]
 POSES = np.column_stack([grid(2, 2), np.zeros(4)])
-PAPER = ObservationSettings(model="paper", paper=PaperSettings(components=3, hypotheses=4, pixels=50, trim_to=30))
+PAPER = ObservationSettings.model_validate(
+    {"model": "paper", "paper": PaperSettings(components=3, hypotheses=4, pixels=50, trim_to=30)}
+)
 QUERY = panorama(turned(IMAGES[2], 14))
 
 
@@ -37,12 +39,11 @@ def dataset(tmp_path: Path) -> Dataset:
 
 
 def same_map(one: PanoramaMap, other: PanoramaMap) -> bool:
-    arrays = zip(
-        [one.references.pixels, one.references.positions, *(one.arrays[key] for key in sorted(one.arrays))],
-        [other.references.pixels, other.references.positions, *(other.arrays[key] for key in sorted(other.arrays))],
-        strict=True,
-    )
-    return all(a.dtype == b.dtype and np.array_equal(a, b) for a, b in arrays) and sorted(one.arrays) == sorted(other.arrays)
+    def arrays(built: PanoramaMap) -> list[np.ndarray]:
+        return [built.references.pixels, built.references.positions, *(built.arrays[key] for key in sorted(built.arrays))]
+
+    pairs = zip(arrays(one), arrays(other), strict=True)
+    return all(a.dtype == b.dtype and np.array_equal(a, b) for a, b in pairs) and sorted(one.arrays) == sorted(other.arrays)
 
 
 @pytest.mark.parametrize("observation", [ObservationSettings(), PAPER], ids=["votes", "paper"])
@@ -75,17 +76,19 @@ def test_a_mask_is_kept(tmp_path: Path) -> None:
     made = (built.observation, 0, built.arrays, built.keyframes)
     masked = PanoramaMap(built.name, references, built.camera, built.image_size, *made)
     masked.save(tmp_path / "m")
-    assert np.array_equal(PanoramaMap.load(tmp_path / "m").references.valid, valid)
+    loaded = PanoramaMap.load(tmp_path / "m").references.valid
+    assert loaded is not None
+    assert np.array_equal(loaded, valid)
 
 
-def rewritten(source: Path, target: Path, *, drop: str = "", header=None, metadata=None, **tensors) -> Path:
+def rewritten(source: Path, target: Path, *, drop: str = "", header=None, metadata=None, tensors=None) -> Path:
     """A map file with parts of it changed."""
     with safe_open(source, framework="numpy") as container:
         kept = {name: container.get_tensor(name) for name in container.keys() if name != drop}  # noqa: SIM118
         old = container.metadata()
     if header is not None:
         old["map"] = header(json.loads(old["map"]))
-    save_file({**kept, **tensors}, target, metadata=old if metadata is None else metadata)
+    save_file({**kept, **(tensors or {})}, target, metadata=old if metadata is None else metadata)
     return target
 
 
@@ -119,9 +122,11 @@ DAMAGE = {
     "unknown model": lambda good, bad: rewritten(good, bad, header=with_(observation={"model": "magic"})),
     "elevations": lambda good, bad: rewritten(good, bad, header=with_(elevation_deg=[25])),
     "no pixels": lambda good, bad: rewritten(good, bad, drop="references.pixels"),
-    "flat pixels": lambda good, bad: rewritten(good, bad, **{"references.pixels": np.zeros(5, np.uint8)}),
-    "too few positions": lambda good, bad: rewritten(good, bad, **{"references.positions": np.zeros((3, 2))}),
-    "positions are no numbers": lambda good, bad: rewritten(good, bad, **{"references.positions": np.full((4, 2), np.nan)}),
+    "flat pixels": lambda good, bad: rewritten(good, bad, tensors={"references.pixels": np.zeros(5, np.uint8)}),
+    "too few positions": lambda good, bad: rewritten(good, bad, tensors={"references.positions": np.zeros((3, 2))}),
+    "positions are no numbers": lambda good, bad: rewritten(
+        good, bad, tensors={"references.positions": np.full((4, 2), np.nan)}
+    ),
 }
 
 
@@ -200,11 +205,11 @@ def test_the_layout_of_the_columns_does_not_matter(dataset: Dataset, tmp_path: P
     same = PanoramaMap.build(a_dataset(tmp_path / "mirrored", mirrored, camera=other))
     assert same_map(plain, same)
     query = turned(IMAGES[1], 9)
-    votes = [
+    votes, reordered = (
         built.observation_model().observe(built.unwrapper()(image)).votes
         for built, image in ((plain, query), (same, query[:, index]))
-    ]
-    assert np.array_equal(*votes)
+    )
+    assert np.array_equal(votes, reordered)
 
 
 def test_another_height_is_refused_and_a_like_one_taken(dataset: Dataset) -> None:

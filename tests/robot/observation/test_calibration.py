@@ -126,7 +126,7 @@ def test_calibration_error_agrees_with_its_definition(pairs: list[tuple[float, b
     for low in range(10):
         inside = [(p, r) for p, r in pairs if min(int(p * 10), 9) == low]
         if inside:
-            gap = abs(np.mean([p for p, _ in inside]) - np.mean([r for _, r in inside]))
+            gap = abs(float(np.mean([p for p, _ in inside]) - np.mean([r for _, r in inside])))
             expected += gap * len(inside) / len(pairs)
     assert calibration.expected_calibration_error(probabilities, right) == pytest.approx(expected, abs=1e-12)
 

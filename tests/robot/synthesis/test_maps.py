@@ -154,7 +154,7 @@ def test_only_what_a_map_depends_on_builds_it_again(
 ) -> None:
     monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path / "cache"))
     builds: list[int] = []
-    build = VotesModel.build.__func__
+    build = VotesModel.build.__func__  # type: ignore[attr-defined]  # the function that the class method wraps
 
     def counted(cls, *arguments, **more):
         builds.append(1)
@@ -171,6 +171,7 @@ def test_only_what_a_map_depends_on_builds_it_again(
     model = found.observation_model(other)
     assert len(builds) == builds_expected
     # Whichever map it is, the image is looked at with the settings asked for.
+    assert isinstance(model, VotesModel)
     assert model.settings == other.votes
     assert model.observe(image).informative
 

@@ -92,10 +92,10 @@ def test_references_that_are_less_sure_of_their_poses_count_less(small) -> None:
         errors.append(float(np.hypot(*(measured.pose - truth)[:2])))
     assert errors[1] < 0.6 * errors[0]
     # Where all are alike nothing changes, to the last bit.
-    alike = [
+    one, other = (
         PoseRefiner(unsure(small, sds, 0.0 * moved), SETTINGS).refine(z, usable, truth).pose for sds in (sure, 30.0 * sure)
-    ]
-    np.testing.assert_array_equal(*alike)
+    )
+    np.testing.assert_array_equal(one, other)
 
 
 def test_what_is_claimed_of_an_answer_contains_what_the_map_claims_of_itself(small) -> None:

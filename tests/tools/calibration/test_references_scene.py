@@ -1,6 +1,7 @@
 """Errors of a camera's description, found from references of a room that is cast ray by ray."""
 
 from pathlib import Path
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -18,7 +19,7 @@ GEOMETRY = PanoramaGeometry(180, 72, -50.0, 25.0)
 TRUE = Mount(x_m=0.1, y_m=-0.05, yaw_deg=12.0)
 
 
-def room(folder: Path, poses_of: str = "base") -> References:
+def room(folder: Path, poses_of: Literal["base", "camera"] = "base") -> References:
     """Twelve references at random headings, taken by a camera that is not on the turning centre and looks aside."""
     rng = np.random.default_rng(2)
     world = BareRoom(finest_m=0.25)

@@ -20,7 +20,7 @@ SIZE = PanoramaGeometry(90, 36, -50.0, 25.0)
 class Done:
     """What a command left behind."""
 
-    code: int
+    code: int | str | None
     out: str
     err: str
 
@@ -54,7 +54,7 @@ def panoloc(capsys):
 
     def call(*words):
         try:
-            code = main([str(word) for word in words])
+            code: int | str | None = main([str(word) for word in words])
         except SystemExit as end:
             code = end.code
         return Done(code, *capsys.readouterr())

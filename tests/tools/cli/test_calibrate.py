@@ -30,7 +30,7 @@ def recorded(folder: Path) -> Path:
     writer = DatasetWriter(folder, "room", PanoramaCamera(elevation_deg=(-50.0, 25.0), height_m=0.6))
     references = np.array([(x, y, rng.uniform(-np.pi, np.pi)) for x in (0.0, 0.7, 1.4, 2.1) for y in (0.0, 0.6, 1.2)])
     writer.add_references(images(references), references)
-    times = np.arange(14) * 0.8
+    times = (np.arange(14) * 0.8).astype(np.float64)
     heading = 0.9 * np.sin(0.9 * times)
     drive = np.stack([0.3 + 0.1 * times, 0.5 + 0.1 * np.sin(times), heading], axis=-1)
     odometry = Trajectory(times, drive)

@@ -17,8 +17,8 @@ def compare(panoloc, small_room, tmp_path):
 
 
 def test_a_shipped_matrix_from_the_command_line(compare, tmp_path):
-    words = (CONFIGS / "compare_references.yaml", "--set", "seeds=1", "--no-plots", "--set", "baseline=null")
-    words += ("--set", "observations=[orientation_correlation]")
+    sets = [f"--set={one}" for one in ("seeds=1", "baseline=null", "observations=[orientation_correlation]")]
+    words = (CONFIGS / "compare_references.yaml", "--no-plots", *sets)
     done = compare(*words)
     assert done.code == 0
     assert done.folder == tmp_path / "out" / "compare_references"

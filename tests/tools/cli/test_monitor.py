@@ -3,7 +3,6 @@ import sys
 
 import pytest
 
-from panoloc_mcl.tools.cli import monitor as module
 from panoloc_mcl.tools.cli.monitor import LineMonitor, monitor
 
 
@@ -15,7 +14,7 @@ class Terminal(io.StringIO):
 @pytest.fixture
 def clock(monkeypatch):
     now = [0.0]
-    monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
     return now
 
 

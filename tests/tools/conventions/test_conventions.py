@@ -5,20 +5,19 @@ are told by: they are rendered from scenes.
 """
 
 import shutil
-import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+from oracles import conventions as wrong
 
 from panoloc_mcl.tools.cli.main import main
 from panoloc_mcl.tools.conventions import convention_findings, drive_findings, reference_findings, stamp_findings
 from panoloc_mcl.tools.conventions.references import height_findings, reference_fit
 from panoloc_mcl.tools.datasets import EMBEDDED, read_dataset, read_image, write_image
-
-sys.path.insert(0, str(Path(__file__).parent))
-import wrong
 
 RECORDED = Path(__file__).parents[3].parent / "shared" / "data"
 NAMES = ["embedded", "hall", "office"]
@@ -119,7 +118,7 @@ def mirrored_hall(tmp_path):
     """The embedded hall with one drive, its references mirrored, on disk."""
     path = Path(shutil.copytree(EMBEDDED["hall"], tmp_path / "hall"))
     for file in (path / "references").glob("*.[pj][np]g"):
-        write_image(file, np.ascontiguousarray(read_image(file)[:, ::-1]))
+        write_image(file, cast("NDArray[np.uint8]", np.ascontiguousarray(read_image(file)[:, ::-1])))
     for folder in sorted((path / "sequences").iterdir())[1:]:
         shutil.rmtree(folder)
     return path

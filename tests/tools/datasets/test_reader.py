@@ -21,6 +21,13 @@ def replace(name: str, old: str, new: str) -> Callable[[Path], None]:
     return damage
 
 
+def written(name: str, text: str) -> Callable[[Path], None]:
+    def damage(room: Path) -> None:
+        (room / name).write_text(text)
+
+    return damage
+
+
 def image(name: str, width: int) -> Callable[[Path], None]:
     return lambda room: write_image(room / name, np.zeros((30, width), dtype=np.uint8))
 
@@ -51,25 +58,25 @@ FAULTS: list[tuple[Callable[[Path], None], str, list[str]]] = [
     (replace("references/poses.csv", "1.0,0.0,0.0", "one,0.0,0.0"), "poses.csv:3", ["x = 'one' is not a number"]),
     (replace("references/poses.csv", "1.0,0.0,0.0", "1.0,0.0"), "poses.csv:3", ["3 values; must be 4"]),
     (
-        lambda room: (room / "references/poses.csv").write_text("file,x,y,theta,sd_xy\nref_000.png,0,0,0,-1\n") and None,
+        written("references/poses.csv", "file,x,y,theta,sd_xy\nref_000.png,0,0,0,-1\n"),
         "poses.csv:2",
         ["sd_xy = -1", "above 0"],
     ),
     (replace("references/poses.csv", "ref_001", "ref_000"), "poses.csv:3", ["ref_000.png is already in line 2", "keep one"]),
     (replace("references/poses.csv", "ref_001", "ref_009"), "poses.csv:3", ["ref_009.png: no such file", "drop this row"]),
     (lambda room: (room / "references/poses.csv").unlink(), "references/poses.csv", ["no such file", "file, x, y, theta"]),
-    (lambda room: (room / "references/poses.csv").write_text("file,x,y,theta\n") and None, "poses.csv", ["holds no rows"]),
+    (written("references/poses.csv", "file,x,y,theta\n"), "poses.csv", ["holds no rows"]),
     (swapped_rows, "frames.csv:3", ["timestamp", "does not increase"]),
     (replace(f"{SEQUENCE}/groundtruth.tum", " 0.000000000 ", " nan "), "groundtruth.tum:2", ["nan is not finite"]),
     (replace(f"{SEQUENCE}/odometry.tum", "1.000000000000", "2.000000000000"), "odometry.tum:2", ["quaternion", "normalise"]),
     (image("references/ref_001.png", 71), "ref_001.png", ["71 x 30", "72 x 30", "resize or drop"]),
     (wider_sequence, "noon_00", ["80 x 30", "72 x 30", "add a camera.yaml"]),
     (
-        lambda room: (room / SEQUENCE / "camera.yaml").write_text("kind: fisheye\n") and None,
+        written(f"{SEQUENCE}/camera.yaml", "kind: fisheye\n"),
         "camera.yaml",
         ["kind = 'fisheye'"],
     ),
-    (lambda room: (room / "references/ref_002.png").write_text("no image") and None, "ref_002.png", ["PNG or JPEG"]),
+    (written("references/ref_002.png", "no image"), "ref_002.png", ["PNG or JPEG"]),
 ]
 
 

@@ -1,4 +1,5 @@
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +21,8 @@ def assert_same(one: Dataset, two: Dataset) -> None:
     assert (one.name, one.description, one.licence, one.camera) == (two.name, two.description, two.licence, two.camera)
     assert np.array_equal(one.references.poses, two.references.poses)
     assert list(one.sequences) == list(two.sequences)
-    for a, b in [(one.references, two.references), *zip(one.sequences.values(), two.sequences.values(), strict=True)]:
+    parts: list[tuple[Any, Any]] = [(one.references, two.references)]
+    for a, b in [*parts, *zip(one.sequences.values(), two.sequences.values(), strict=True)]:
         assert a.camera == b.camera
         assert [f.relative_to(a.path) for f in a.files] == [f.relative_to(b.path) for f in b.files]
         assert all(np.array_equal(read_image(f), read_image(g)) for f, g in zip(a.files, b.files, strict=True))

@@ -10,12 +10,13 @@ import pytest
 
 from panoloc_mcl.robot.errors import OutputError
 from panoloc_mcl.robot.filters import Status
+from panoloc_mcl.robot.interface.answers import TimedPose
 from panoloc_mcl.robot.localizer import Localizer
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
-from panoloc_mcl.tools.datasets import Dataset
+from panoloc_mcl.tools.datasets import Dataset, read_image
 from panoloc_mcl.tools.datasets import Sequence as Drive
 from panoloc_mcl.tools.datasets.recordings import sequence_of
-from panoloc_mcl.tools.live import Engine
+from panoloc_mcl.tools.live import Answer, Engine
 from panoloc_mcl.tools.live.inputs import played
 from panoloc_mcl.tools.live.json_lines import JsonLines
 from panoloc_mcl.tools.live.recorder import McapRecorder
@@ -36,7 +37,9 @@ class Collected:
     """Remembers what it is told."""
 
     def __init__(self, seconds: float = 0.0) -> None:
-        self.answers, self.moves, self.closed, self._seconds = [], [], 0, seconds
+        self.answers: list[Answer] = []
+        self.moves: list[tuple[TimedPose, TimedPose]] = []
+        self.closed, self._seconds = 0, seconds
 
     def answered(self, answer) -> None:
         time.sleep(self._seconds)
@@ -100,7 +103,8 @@ def test_an_output_that_fails_stops_nothing(panorama_map: PanoramaMap, drive: Dr
         def answered(self, answer) -> None:
             raise RuntimeError("disk full")
 
-    told, after = [], Collected()
+    told: list[str] = []
+    after = Collected()
     with Engine(Localizer(panorama_map), [Failing(), after], keep_all=True, on_error=told.append) as engine:
         for message in list(recorded(drive))[:20]:
             engine.put(message)
@@ -112,6 +116,7 @@ def test_an_output_that_fails_stops_nothing(panorama_map: PanoramaMap, drive: Dr
 def test_a_frozen_camera_is_said_and_not_believed(panorama_map: PanoramaMap, drive: Drive) -> None:
     output = Collected()
     stuck = next(message for message in recorded(drive) if isinstance(message, Image)).pixels()
+    assert isinstance(stuck, np.ndarray)
     with Engine(Localizer(panorama_map), [output], keep_all=True) as engine:
         for message in recorded(drive):
             engine.put(replace(message, source=stuck) if isinstance(message, Image) else message)
@@ -133,9 +138,10 @@ def test_what_is_recorded_can_be_run_again(panorama_map: PanoramaMap, drive: Dri
         engine.drain()
     found = sequence_of(tmp_path / "seen.mcap", camera=drive.camera)
     assert found.times == pytest.approx(drive.times, abs=1e-9)
-    assert np.array_equal(
-        found.files[3].read(), next(m for m in recorded(drive) if isinstance(m, Image) and m.index == 3).pixels()
-    )
+    fourth = next(m for m in recorded(drive) if isinstance(m, Image) and m.index == 3).pixels()
+    assert isinstance(fourth, np.ndarray)
+    assert np.array_equal(read_image(found.files[3]), fourth)
+    assert found.odometry is not None
     assert found.odometry.poses == pytest.approx(drive.odometry.poses[: len(found.odometry)], abs=1e-9)
     with pytest.raises(OutputError, match="cannot be written"):
         McapRecorder(tmp_path / "seen.mcap")

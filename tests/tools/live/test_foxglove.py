@@ -4,6 +4,7 @@ import struct
 import numpy as np
 import pytest
 from websockets.sync.client import connect
+from websockets.typing import Subprotocol
 
 from panoloc_mcl.robot.errors import OutputError
 from panoloc_mcl.robot.localizer import Localizer
@@ -24,7 +25,7 @@ def test_a_client_reads_every_topic(small_room: Dataset) -> None:
         FoxgloveServer(localizer, port=server.port)
     with (
         Engine(localizer, [server], keep_all=True) as engine,
-        connect(f"ws://127.0.0.1:{server.port}", subprotocols=["foxglove.sdk.v1"], max_size=None) as client,
+        connect(f"ws://127.0.0.1:{server.port}", subprotocols=[Subprotocol("foxglove.sdk.v1")], max_size=None) as client,
     ):
         channels: dict[int, str] = {}
         while len(channels) < len(TOPICS):

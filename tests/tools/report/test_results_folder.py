@@ -89,7 +89,7 @@ def test_runs_within_a_second_get_folders_of_their_own(tmp_path, started):
 def test_steps_hold_the_record_and_the_stages(tmp_path, started, make_record):
     writer = ResultsWriter(tmp_path, "hall", started)
     record = make_record(n=3)
-    rows = [
+    rows: list[dict[str, object]] = [
         {"message": "two\nlines, and a comma", "particles": 10, "resampled": True, "margin": np.nan, "status": "nonsense"},
         {"ms_score": 1.5, "n_eff": np.float64(2.5), "injected": np.int64(3)},
         {"ms_score": 2.5, "ms_filter": None, "ms_total": 1e9},

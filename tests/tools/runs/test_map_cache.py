@@ -18,6 +18,9 @@ from panoloc_mcl.tools.datasets.writer import DatasetWriter
 from panoloc_mcl.tools.runs.map_cache import cached_map
 
 VOTES = ObservationSettings()
+PAPER = ObservationSettings.model_validate(
+    {"model": "paper", "paper": PaperSettings(components=2, hypotheses=2, pixels=20, trim_to=10)}
+)
 
 
 @pytest.fixture
@@ -30,7 +33,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def builds(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Names of the data sets that maps were built of."""
     built: list[str] = []
-    build = PanoramaMap.build.__func__
+    build = PanoramaMap.build.__func__  # type: ignore[attr-defined]  # the function that the class method wraps
 
     def counted(cls, dataset, *arguments, **more):
         built.append(dataset.name)
@@ -96,7 +99,7 @@ def test_whatever_changes_in_the_data_gives_a_new_map(change, dataset: Dataset, 
     [
         ObservationSettings(votes=VotesSettings(contrast_floor=5.0)),
         ObservationSettings(votes=VotesSettings(gradient="signed")),
-        ObservationSettings(model="paper", paper=PaperSettings(components=2, hypotheses=2, pixels=20, trim_to=10)),
+        PAPER,
     ],
 )
 def test_other_settings_give_a_new_map(other: ObservationSettings, dataset: Dataset, cache: Path, builds: list[str]) -> None:
@@ -110,13 +113,12 @@ def test_other_settings_give_a_new_map(other: ObservationSettings, dataset: Data
 
 def test_settings_of_the_other_model_do_not_matter(dataset: Dataset, cache: Path, builds: list[str]) -> None:
     cached_map(dataset, VOTES, 0)
-    cached_map(dataset, ObservationSettings(paper=PaperSettings(hypotheses=7)), 0)
+    cached_map(dataset, ObservationSettings.model_validate({"paper": PaperSettings(hypotheses=7)}), 0)
     assert len(builds) == 1
 
 
 def test_the_seed_gives_another_map(dataset: Dataset, cache: Path) -> None:
-    paper = ObservationSettings(model="paper", paper=PaperSettings(components=2, hypotheses=2, pixels=20, trim_to=10))
-    one, other = (cached_map(dataset, paper, seed) for seed in (0, 1))
+    one, other = (cached_map(dataset, PAPER, seed) for seed in (0, 1))
     assert not np.array_equal(one.arrays["columns"], other.arrays["columns"])
 
 

@@ -20,8 +20,8 @@ _AT = np.array(_GRID)
 
 #: Which of the references the map has.
 PARTS = {
-    "two": [0, 7],
-    "two far apart": [1, 18],
+    "two": np.array([0, 7]),
+    "two far apart": np.array([1, 18]),
     "line along x": np.flatnonzero(_AT[:, 1] == 1),
     "line along y": np.flatnonzero(_AT[:, 0] == 2),
     "left part": np.flatnonzero(_AT[:, 0] <= 1),

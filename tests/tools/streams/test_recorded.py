@@ -31,9 +31,12 @@ def test_images_may_arrive_late_out_of_order_or_not_at_all(small_room: Dataset) 
 
 def test_images_are_read_when_they_are_looked_at(small_room: Dataset) -> None:
     read: list[object] = []
-    stream = [
-        m for m in recorded(drive(small_room), read=lambda file: read.append(file) or np.zeros((2, 2))) if type(m) is Image
-    ]
+
+    def reading(file: object) -> np.ndarray:
+        read.append(file)
+        return np.zeros((2, 2))
+
+    stream = [m for m in recorded(drive(small_room), read=reading) if type(m) is Image]
     assert read == []
     assert stream[1].pixels().shape == (2, 2)
     assert read == [drive(small_room).files[1]]

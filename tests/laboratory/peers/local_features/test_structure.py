@@ -37,6 +37,12 @@ class _Numbered:
     def likely(self, one, other):
         return np.argwhere(one[:, :1] == other[:, 0])
 
+    def find(self, strip):
+        raise AssertionError("no image is looked at")
+
+    def matched(self, one, other, sphere):
+        raise AssertionError("poses are known: the likely pairs are enough")
+
 
 def test_points_of_a_known_world_are_found_to_the_millimetre_and_wrong_matches_are_left_out() -> None:
     pytest.importorskip("pycolmap", reason="needs the extra 'peers'")
@@ -48,7 +54,7 @@ def test_points_of_a_known_world_are_found_to_the_millimetre_and_wrong_matches_a
     world = np.column_stack([rng.uniform(-4, 6, 200), rng.uniform(-4, 6, 200), rng.uniform(-0.6, 2.0, 200)])
     positions = np.array([[x, y] for x in (0.0, 1.0, 2.0) for y in (0.0, 1.0, 2.0)])
     sphere = Sphere(PanoramaGeometry(360, 145, -50.0, 25.0), 1440)
-    found = []
+    found: list[Found] = []
     for position in positions:
         off = world - [*position, 0.0]
         # By hand: 1440 columns over the circle, ahead in the middle, clockwise; 720 rows from the zenith down.

@@ -1,5 +1,7 @@
 """The study of maps, on a small room: rows are counted rightly, kept, and held against the truth."""
 
+from typing import Any
+
 import pytest
 
 from panoloc_mcl.laboratory.studies.mapping import cells
@@ -27,7 +29,7 @@ def test_surveys_drives_and_updates_become_rows_that_are_kept(
     small_room: Dataset, tmp_path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PANOLOC_CACHE_DIR", str(tmp_path))
-    kept = []
+    kept: list[Any] = []
     config = RunConfig(dataset=str(small_room.path))
     rows = ["gross", f"drives:{next(iter(small_room.sequences))}"]
     report = study(config, rows, [0], 2, keep=kept.append)

@@ -120,7 +120,8 @@ def test_a_build_that_was_stopped_goes_on_and_gives_the_same(small_room: Dataset
 
     for stage in (1, 2, 3):
         path = tmp_path / f"{stage}.unfinished"
-        keep, kept = Stages.keep, []
+        keep = Stages.keep
+        kept: list[int] = []
 
         def stop(self: Stages, done: Stage, last: int = stage, keep=keep, kept=kept) -> None:
             keep(self, done)

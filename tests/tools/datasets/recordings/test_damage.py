@@ -30,6 +30,7 @@ def assert_part_of(found: Sequence, drive: Sequence) -> None:
     assert "was cut off; what is whole in it is used" in " ".join(found.notes)
     assert 2 <= len(found) < len(drive)
     assert np.array_equal(found.times, drive.times[: len(found)])
+    assert found.odometry is not None
     assert len(found.odometry) > 0
     for index in (len(found) - 1, 0, 1):
         assert np.array_equal(read_image(found.files[index]), read_image(drive.files[index]))
@@ -149,5 +150,7 @@ def test_a_topic_of_a_type_that_cannot_be_read_is_left_out(drive: Sequence, tmp_
     found = sequence_of(path, camera=drive.camera)
     assert "types of /add/_service_event cannot be read; left out" in " ".join(found.notes)
     assert len(found) == len(drive)
+    assert found.odometry is not None
+    assert drive.odometry is not None
     assert len(found.odometry) == len(drive.odometry)
     assert np.array_equal(read_image(found.files[3]), read_image(drive.files[3]))

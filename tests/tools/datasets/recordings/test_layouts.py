@@ -103,7 +103,7 @@ ENCODINGS = [
 @pytest.mark.parametrize(("encoding", "dtype", "channels"), ENCODINGS)
 def test_encodings(encoding: str, dtype: type, channels: int, drive: Sequence, tmp_path: Path) -> None:
     ros = Messages(False)
-    pixels = np.random.default_rng(0).integers(0, np.iinfo(dtype).max, (7, 9, channels)).astype(dtype)
+    pixels: np.ndarray = np.random.default_rng(0).integers(0, np.iinfo(dtype).max, (7, 9, channels)).astype(dtype)
     pixels = pixels[..., 0] if channels == 1 else pixels
     sent = pixels[..., ::-1] if encoding.startswith("rgb") else pixels
     found = [(1, "/image", "sensor_msgs/msg/Image", ros.image(10**9, np.ascontiguousarray(sent), encoding))]
@@ -179,6 +179,7 @@ def test_odd_messages_are_left_out_and_said(drive: Sequence, tmp_path: Path) -> 
     assert "1 messages have no stamp" in notes
     assert "1 poses are doubled, not finite" in notes
     assert len(found) == 3
+    assert found.odometry is not None
     assert len(found.odometry) == 1
     with pytest.raises(ImageError, match="encoding 'what' is unknown"):
         read_image(found.files[-1])

@@ -1,4 +1,4 @@
-"""Hours of driving with everything going wrong: random faults in images, stamps and odometry, and what must hold after every image."""
+"""Drives with faults, and what must hold after every image."""
 
 from __future__ import annotations
 
@@ -6,82 +6,31 @@ import resource
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.laboratory.reports import Report
+from panoloc_mcl.laboratory.studies.soak.world import World
 from panoloc_mcl.robot.filters import Estimate, Status
-from panoloc_mcl.robot.geometry import angle_difference, between, compose
+from panoloc_mcl.robot.geometry import angle_difference
 from panoloc_mcl.robot.localizer import Localizer
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.settings.config import LocalizerConfig
 from panoloc_mcl.robot.settings.localizer import LocalizerSettings
-from panoloc_mcl.tools.datasets import Dataset, Sequence, read_dataset, read_image, resolve_dataset
+from panoloc_mcl.tools.datasets import Dataset, read_dataset, resolve_dataset
 from panoloc_mcl.tools.runs.map_cache import cached_map
 
 Float64 = NDArray[np.float64]
-Image = NDArray[Any]
 Mode = Literal["monte_carlo", "kalman_orientation"]
 
 #: Wrong beyond these, an answer that is called converged is false; and for more than so many images in a row it must not be.
 WRONG_M, WRONG_DEG, MOST_IN_ROW = 1.0, 20.0, 3
 # Memory is measured once everything has been used, and must not grow by more than this share.
 _WARM_UP, _MOST_GROWTH = 0.2, 0.05
-_ODOMETRY_S = 0.1
-# Chances of a fault at an image: in its pixels, in its stamp, in the odometry up to it; and of being carried off.
-_IN_IMAGE, _IN_STAMP, _IN_ODOMETRY, _CARRIED_OFF = 0.12, 0.05, 0.05, 0.005
-
-
-def _half(image: Image, rng: np.random.Generator) -> Image:
-    out = image.copy()
-    begin = int(rng.integers(image.shape[1] // 2))
-    out[:, begin : begin + image.shape[1] // 2] = 0
-    return out
-
-
-def _noisy(image: Image, rng: np.random.Generator) -> Image:
-    bad = rng.random(image.shape[:2]) < 0.4
-    out = image.copy()
-    out[bad] = rng.integers(0, 256, (int(bad.sum()), *image.shape[2:]))
-    return out
-
-
-def _foreign(image: Image, rng: np.random.Generator) -> Image:
-    """Of nowhere: blocks of the image in another order, upside down."""
-    blocks = np.array_split(image[::-1], 9, axis=1)
-    return np.concatenate([blocks[index] for index in rng.permutation(9)], axis=1)
-
-
-def _not_numbers(image: Image, rng: np.random.Generator) -> Image:
-    out = image.astype(np.float32)
-    out[rng.random(out.shape) < 0.5] = np.nan
-    return out
-
-
-#: Faults of images by name.
-IMAGE_FAULTS: dict[str, Callable[[Image, np.random.Generator], Image]] = {
-    "black image": lambda image, rng: np.zeros_like(image),
-    "saturated image": lambda image, rng: np.full_like(image, 255),
-    "half of it black": _half,
-    "40 % noise": _noisy,
-    "image of nowhere": _foreign,
-    "wrong size": lambda image, rng: np.ascontiguousarray(image[:-1, :-3]),
-    "no numbers": _not_numbers,
-}
-STAMP_FAULTS = ("stamp twice", "stamp not finite", "stamp 60 s ahead", "stamp 0.5 s late", "image missing", "images reordered")
-ODOMETRY_FAULTS = (
-    "odometry not finite",
-    "odometry infinite",
-    "odometry jumps",
-    "odometry frozen",
-    "odometry reset",
-    "odometry missing",
-)
-_FROZEN, _KIDNAP, _CLOCK = "image frozen", "carried off", "clock jumps by 500 s"
 
 
 @dataclass
@@ -178,7 +127,7 @@ def soak(data: Dataset, mode: Mode, updates: int, seed: int, progress: Progress 
     config = LocalizerConfig(seed=seed, localizer=LocalizerSettings(mode=mode, initial="known_pose"))
     panorama_map = cached_map(data, config.observation, 0)
     drives = [drive for drive in data.sequences.values() if drive.groundtruth is not None and len(drive) > 2]
-    world = _World(drives, np.random.default_rng(seed))
+    world = World(drives, np.random.default_rng(seed))
     localizer = Localizer(
         panorama_map,
         config,
@@ -247,121 +196,6 @@ def _broken(localizer: Localizer, estimate: Estimate, mode: Mode) -> Iterator[st
         any(reason.value in ("nothing_counted", "pose_outdated") for reason in estimate.reasons)
     ):
         yield "stale without a reason, or the other way round"
-
-
-class _World:
-    """A robot that drives recorded ways to and fro, with faulty sensors."""
-
-    def __init__(self, drives: list[Sequence], rng: np.random.Generator) -> None:
-        self._drives, self._rng = drives, rng
-        self._drive = drives[0]
-        self._frame, self._direction = 0, 1
-        self._clock, self._reported = 1000.0, np.zeros(3)
-        self._images: dict[tuple[str, int], Image] = {}
-        self._truth = {drive.name: drive.groundtruth.at(drive.times) for drive in drives if drive.groundtruth is not None}
-        self._pending: list[tuple[float, Image]] = []
-        self._frozen_image: Image | None = None
-        self._odometry_frozen = 0
-        self._sent: list[float] = [self._clock]
-        self._next: tuple[float, Image] | None = None
-
-    @property
-    def pose(self) -> Float64:
-        """Where the robot is, (3,)."""
-        return np.asarray(self._truth[self._drive.name][self._frame])
-
-    def step(self, localizer: Localizer) -> Iterator[str]:
-        """Drive on to the next image; yields the faults that happen."""
-        rng = self._rng
-        before = self.pose
-        carried = rng.random() < _CARRIED_OFF
-        if carried:
-            self._drive = self._drives[int(rng.integers(len(self._drives)))]
-            self._frame = int(rng.integers(len(self._drive)))
-            yield _KIDNAP
-        else:
-            if not 0 <= self._frame + self._direction < len(self._drive):
-                self._direction = -self._direction
-            self._frame += self._direction
-        if rng.random() < _CARRIED_OFF:
-            self._clock += 500.0
-            yield _CLOCK
-        moved = np.zeros(3) if carried else between(before, self.pose)
-        yield from self._drive_on(localizer, moved)
-        yield from self._take_image()
-
-    def look(self, localizer: Localizer) -> Estimate | None:
-        """Give the localizer the image, if one arrives."""
-        if self._next is None:
-            return localizer.add_image(float("nan"), np.zeros((1, 1), np.uint8))
-        stamp, image = self._next
-        return localizer.add_image(stamp, image)
-
-    def _drive_on(self, localizer: Localizer, moved: Float64) -> Iterator[str]:
-        rng = self._rng
-        fault = ODOMETRY_FAULTS[int(rng.integers(len(ODOMETRY_FAULTS)))] if rng.random() < _IN_ODOMETRY else ""
-        if fault:
-            yield fault
-        if fault == "odometry frozen":
-            self._odometry_frozen = 3
-        if fault == "odometry reset":
-            self._reported = np.zeros(3)
-        steps = max(int(rng.uniform(0.5, 1.5) / _ODOMETRY_S), 2)
-        noise = 1.0 + 0.05 * rng.standard_normal(3)
-        for step in range(1, steps + 1):
-            self._clock += _ODOMETRY_S
-            pose = compose(self._reported, moved * noise * (step / steps))
-            if fault == "odometry missing":
-                continue
-            if self._odometry_frozen:
-                pose = self._reported
-            if fault == "odometry not finite" and step % 2:
-                pose = np.array([np.nan, pose[1], pose[2]])
-            if fault == "odometry infinite" and step % 2:
-                pose = np.array([np.inf, -np.inf, 1e308])
-            if fault == "odometry jumps" and step == steps // 2:
-                pose = pose + np.array([50.0, -20.0, 2.0])
-            localizer.add_odometry(self._clock, pose)
-        if not self._odometry_frozen:
-            self._reported = compose(self._reported, moved * noise)
-        self._odometry_frozen = max(self._odometry_frozen - 1, 0)
-
-    def _take_image(self) -> Iterator[str]:
-        rng, stamp = self._rng, self._clock - 0.02
-        image = self._image()
-        if rng.random() < _IN_IMAGE:
-            names = [*IMAGE_FAULTS, _FROZEN]
-            name = names[int(rng.integers(len(names)))]
-            yield name
-            last = image if self._frozen_image is None else self._frozen_image
-            image = last if name == _FROZEN else IMAGE_FAULTS[name](image, rng)
-        self._frozen_image = self._image()
-        self._next = (stamp, image)
-        if rng.random() < _IN_STAMP:
-            name = STAMP_FAULTS[int(rng.integers(len(STAMP_FAULTS)))]
-            yield name
-            if name in ("image missing", "images reordered"):
-                # What was held back comes, late, in the place of the next one that is.
-                self._pending.append(self._next)
-                late = self._pending.pop(0) if name == "images reordered" and len(self._pending) > 1 else None
-                self._next = late
-            else:
-                stamps = {
-                    "stamp twice": self._sent[-1],
-                    "stamp not finite": float("nan"),
-                    "stamp 60 s ahead": stamp + 60.0,
-                    "stamp 0.5 s late": stamp - 0.5,
-                }
-                self._next = (stamps[name], image)
-        self._pending = self._pending[-2:]
-        if self._next is not None and np.isfinite(self._next[0]):
-            self._sent = [self._next[0]]
-
-    def _image(self) -> Image:
-        key = (self._drive.name, self._frame)
-        if key not in self._images:
-            self._images[key] = read_image(self._drive.files[self._frame])
-        return self._images[key]
 
 
 def _memory_mb() -> float:
