@@ -60,6 +60,10 @@ _COARSE = ((4, 5.0), (4, 5.0), (2, 2.0), (2, 2.0))
 _FINE_ROWS_EVERY = 2
 # Sectors whose pulls are taken as independent, so many over the circle: 12 degrees, over which depths are smoothed.
 _SECTORS = 30
+# An image of the map comes to rest after two or three steps at full resolution. One that has not after so many is looked for around, by
+# moves of so many metres in eight directions, so often at most. Set on every fourth image of the rendered office at night.
+_SOON, _MOVES_M, _MOST_MOVES = 6, (0.1, 0.05, 0.025), 4
+_COMPASS = np.array([[np.cos(angle), np.sin(angle), 0.0] for angle in np.arange(8) * (np.pi / 4.0)])
 # Of several poses, so many.
 _REFINED_TO_THE_END = 2
 # Standing still: a step this small is about what the image can tell.
@@ -147,7 +151,7 @@ class PoseRefiner:
         planes = {sigma: _planes(z, usable, sigma) for sigma in {step.sigma for step in (*coarse, *fine)}}
         approached: list[tuple[Float64, Float64, Equations]] = []
         for pose in poses:
-            approached.append(self._descended(planes, coarse, np.array(pose, dtype=np.float64), np.zeros(2)))
+            approached.append(self._descended(planes, coarse, np.array(pose, dtype=np.float64), np.zeros(2))[:3])
             if approached[-1][2].agreement.cosine >= sufficient:
                 break
         agreements = [equations.agreement.cosine for *_, equations in approached]
@@ -161,7 +165,10 @@ class PoseRefiner:
     def _refined_to_the_end(
         self, planes: Mapping[float, Float32], fine: Sequence[Step], pose: Float64, tilt: Float64
     ) -> PoseMeasurement:
-        pose, tilt, equations = self._descended(planes, fine, pose, tilt)
+        pose, tilt, equations, at_rest = self._descended(planes, fine[:_SOON], pose, tilt)
+        if not at_rest and len(fine) > _SOON:
+            pose = self._around(planes, fine[-1], pose, tilt)
+            pose, tilt, equations, _ = self._descended(planes, fine[_SOON:], pose, tilt)
         pose[2] = wrap_angle(pose[2])
         leaning = _turned(tilt, -float(pose[2]))
         of_map, of_frame = self._synthesizer.errors_at(
@@ -172,8 +179,8 @@ class PoseRefiner:
 
     def _descended(
         self, planes: Mapping[float, Float32], steps: Sequence[Step], pose: Float64, tilt: Float64
-    ) -> tuple[Float64, Float64, Equations]:
-        """Pose and tilt after Gauss-Newton steps, which end where nothing moves any more, and the last equations.
+    ) -> tuple[Float64, Float64, Equations, bool]:
+        """Pose and tilt after Gauss-Newton steps, the last equations, and whether they ended because nothing moved any more.
 
         The tilt is about the map's axes here: pitch about y, roll about x.
         """
@@ -184,8 +191,26 @@ class PoseRefiner:
             change = equations.step(tilt, unknowns)
             pose, tilt = pose + change[:3], tilt + change[3:]
             if step == steps[-1] and self._is_still(change, equations):
-                break
-        return pose, tilt, equations
+                return pose, tilt, equations, True
+        return pose, tilt, equations, False
+
+    def _around(self, planes: Mapping[float, Float32], step: Step, pose: Float64, tilt: Float64) -> Float64:
+        """The pose near one that agrees best with the image: a pattern search (Hooke & Jeeves 1961), by ever smaller moves.
+
+        Where light has moved, its edges pull one way and those of the world another: steps are short in between, and a pose a pixel
+        away from the right one may hold. The agreement of all pixels tells the two apart.
+        """
+        query, usable = self._turned_back(planes[step.sigma], pose[2], tilt, step.stride)
+        best = self._equations(query, usable, pose[:2], step).agreement.cosine
+        for move in _MOVES_M:
+            for _ in range(_MOST_MOVES):
+                around = pose + move * _COMPASS
+                agreements = [self._equations(query, usable, position, step).agreement.cosine for position in around[:, :2]]
+                ahead = int(np.argmax(agreements))
+                if agreements[ahead] <= best:
+                    break
+                best, pose = agreements[ahead], around[ahead]
+        return pose
 
     def _is_still(self, change: Float64, equations: Equations) -> bool:
         """Whether a step is about what the image can tell, or far less than it does tell."""

@@ -8,7 +8,7 @@ from panoloc_mcl.robot.eigenspace.gradients import orientations
 from panoloc_mcl.robot.geometry import angle_difference
 from panoloc_mcl.robot.kernels.alignment import column_products, normal_equations
 from panoloc_mcl.robot.settings.observation import RefinementSettings, VotesSettings
-from panoloc_mcl.robot.synthesis import PoseRefiner
+from panoloc_mcl.robot.synthesis import PoseRefiner, refinement
 from panoloc_mcl.robot.synthesis.views import FloorRays, ViewSynthesizer
 
 SETTINGS = VotesSettings()
@@ -195,3 +195,29 @@ def test_an_occluder_over_a_quarter_of_the_view_does_not_pull_the_pose(fine) -> 
         assert np.hypot(*(measured.pose - truth)[:2]) < 0.012
         hidden = measured.agreement.sectors < 0.4
         assert 2 <= hidden.sum() <= 9
+
+
+def test_a_pose_that_does_not_come_to_rest_is_looked_for_around(fine, monkeypatch) -> None:
+    refiner = PoseRefiner(fine.exact, SETTINGS)
+    looked = []
+    search = PoseRefiner._around
+
+    def watched(self, *arguments):
+        looked.append((arguments[2].copy(), search(self, *arguments)))
+        return looked[-1][1]
+
+    monkeypatch.setattr(PoseRefiner, "_around", watched)
+    for truth, off in starts(3):
+        z, usable = orientations(fine.room.panorama(fine.geometry, truth, (0.0, 0.0)), SETTINGS)
+        # The search by itself, without a single step.
+        step = refinement._steps(SETTINGS.refinement, z.shape[1])[1][-1]
+        planes = {step.sigma: refinement._planes(z, usable, step.sigma)}
+        found = search(refiner, planes, step, truth + off * [1.0, 1.0, 0.0], np.zeros(2))
+        assert np.hypot(*(found[:2] - truth[:2])) < 0.03
+        monkeypatch.setattr(refinement, "_SOON", 1)
+        measured = refiner.refine(z, usable, truth + off)
+        assert np.hypot(*(measured.pose[:2] - truth[:2])) < 0.01
+    monkeypatch.undo()
+    # An image of the map comes to rest by itself.
+    refined(fine, "exact", *next(starts(1)))
+    assert 1 <= len(looked) <= 3
