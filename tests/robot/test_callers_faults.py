@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_info
 
 from panoloc_mcl.robot.errors import ConfigError, ImageError, MeasurementError, PanolocError
 from panoloc_mcl.robot.filters import Status
-from panoloc_mcl.robot.filters.blocks import BLOCK, Blocks
+from panoloc_mcl.robot.filters.particles.blocks import BLOCK, Blocks
 from panoloc_mcl.robot.localizer import Localizer
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.reasons import Reason

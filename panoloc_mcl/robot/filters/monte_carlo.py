@@ -39,12 +39,12 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.robot.compact_poses import CompactPoses
 from panoloc_mcl.robot.filters.base import Start
-from panoloc_mcl.robot.filters.clusters import find_clusters
 from panoloc_mcl.robot.filters.estimate import Cluster, FilterState, Status
-from panoloc_mcl.robot.filters.likelihood import Drawn, Likelihood, Plan, weigh_predicted
 from panoloc_mcl.robot.filters.memory import Memory
-from panoloc_mcl.robot.filters.particle_set import ParticleSet, drawn_from
-from panoloc_mcl.robot.filters.prior import Prior, gaussian, uniform_density
+from panoloc_mcl.robot.filters.particles.clusters import find_clusters
+from panoloc_mcl.robot.filters.particles.likelihood import Drawn, Likelihood, Plan, weigh_predicted
+from panoloc_mcl.robot.filters.particles.particle_set import ParticleSet, drawn_from
+from panoloc_mcl.robot.filters.particles.prior import Prior, gaussian, uniform_density
 from panoloc_mcl.robot.filters.shared_error import Seen, SharedError, kept_share, new_share
 from panoloc_mcl.robot.filters.status import status_of
 from panoloc_mcl.robot.motion import Motion

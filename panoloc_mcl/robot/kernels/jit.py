@@ -4,7 +4,7 @@ Kernels are compiled at their first call, never at import, and cached on disk. `
 infinity as in NumPy. No kernel may reorder sums or take NaN for impossible (``fastmath``), so NaN checks hold. What works on every
 particle is declared a `vector_kernel`: there alone a product and a sum may be rounded once instead of twice (``contract``), and
 the sign of zero is free (``nsz``), which makes polynomials a third faster and never less exact. Kernels release the interpreter's
-lock, so threads are those of Python (`panoloc_mcl.robot.filters.blocks`).
+lock, so threads are those of Python (`panoloc_mcl.robot.filters.particles.blocks`).
 """
 
 from __future__ import annotations

@@ -7,8 +7,8 @@ from oracles.scenes import grid
 
 from panoloc_mcl.robot.compact_poses import CompactPoses
 from panoloc_mcl.robot.filters import MonteCarloFilter, Start, Status
-from panoloc_mcl.robot.filters.likelihood import Likelihood
-from panoloc_mcl.robot.filters.prior import Prior, gaussian, uniform_density
+from panoloc_mcl.robot.filters.particles.likelihood import Likelihood
+from panoloc_mcl.robot.filters.particles.prior import Prior, gaussian, uniform_density
 from panoloc_mcl.robot.geometry import compose
 from panoloc_mcl.robot.measurement import Agreement, PoseMeasurement
 from panoloc_mcl.robot.motion import carried

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from panoloc_mcl.robot.filters.resampling import SCHEMES, adaptive_count, effective_count, normalise
+from panoloc_mcl.robot.filters.particles.resampling import SCHEMES, adaptive_count, effective_count, normalise
 from panoloc_mcl.robot.settings.localizer import AdaptiveSettings
 
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.robot.compact_poses import CompactPoses
 from panoloc_mcl.robot.filters.base import Start
-from panoloc_mcl.robot.filters.blocks import BLOCK, Blocks
-from panoloc_mcl.robot.filters.clusters import occupied_bins
-from panoloc_mcl.robot.filters.resampling import SCHEMES, adaptive_count, effective_count, normalise
+from panoloc_mcl.robot.filters.particles.blocks import BLOCK, Blocks
+from panoloc_mcl.robot.filters.particles.clusters import occupied_bins
+from panoloc_mcl.robot.filters.particles.resampling import SCHEMES, adaptive_count, effective_count, normalise
 from panoloc_mcl.robot.kernels.particles import predict, take
 from panoloc_mcl.robot.motion import Motion
 from panoloc_mcl.robot.observation.places import Places

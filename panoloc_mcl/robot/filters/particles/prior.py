@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.robot.compact_poses import CompactPoses
-from panoloc_mcl.robot.filters.clusters import find_clusters
 from panoloc_mcl.robot.filters.estimate import Cluster
+from panoloc_mcl.robot.filters.particles.clusters import find_clusters
 from panoloc_mcl.robot.geometry import angle_difference
 from panoloc_mcl.robot.observation.places import Places
 

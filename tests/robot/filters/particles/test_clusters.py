@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from panoloc_mcl.robot.compact_poses import CompactPoses
-from panoloc_mcl.robot.filters import clusters as of_particles
+from panoloc_mcl.robot.filters.particles import clusters as of_particles
 from panoloc_mcl.robot.geometry import angle_difference
 
 
