@@ -16,7 +16,6 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 from scipy.spatial import cKDTree
 
 from panoloc_mcl.robot.camera import Panorama
@@ -327,6 +326,9 @@ def _fitted(evidence: Float64, right: NDArray[np.bool_], wrong_share: float | No
         gradient[0] += 2.0 * 1e-3 * weights[0]
         ridge = _RIDGE * weights[1:] @ weights[1:] + 1e-3 * weights[0] ** 2
         return float(counts @ np.logaddexp(0.0, -reached) + ridge), gradient
+
+    # Here, since a robot that runs does not need it.
+    from scipy.optimize import minimize
 
     found = minimize(loss, np.zeros(evidence.shape[1] + 1), jac=True, method="BFGS").x
     weights = found[1:] / spread

@@ -17,7 +17,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from panoloc_mcl.robot.eigenspace.gradients import orientations
 from panoloc_mcl.robot.geometry import angle_difference
@@ -180,6 +179,9 @@ def _likeliest(errors: Float64, shown: Float64, kinds: Float64, near: Float64 | 
     starts = [np.concatenate([[0.7], start]) for start in (np.full(len(usual), typical - 6.0), *others)]
     starts = starts if near is None else [np.log(near * scale)]
     bounds = list(zip(lowest.tolist(), highest.tolist(), strict=True))
+    # Here, since a robot that runs does not need it.
+    from scipy.optimize import minimize
+
     found = [minimize(surprise, np.clip(start, lowest, highest), method="L-BFGS-B", bounds=bounds) for start in starts]
     best = min(found, key=lambda one: float(one.fun)).x
     # The scale of Student's t is not its variance.

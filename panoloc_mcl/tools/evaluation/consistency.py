@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
 
 from panoloc_mcl.robot.geometry import FloatArray
 
@@ -51,6 +50,9 @@ def _valid(errors: FloatArray, covariances: FloatArray) -> tuple[FloatArray, Flo
 def _held(errors: FloatArray, covariances: FloatArray) -> dict[str, Any]:
     if not len(errors):
         return dict(NOTHING)
+    # Here, since a robot that runs does not need it.
+    from scipy.stats import chi2
+
     nees = np.einsum("ni,ni->n", errors, np.linalg.solve(covariances, errors[:, :, None])[:, :, 0])
     return {
         "nees_median": float(np.median(nees) / chi2.median(errors.shape[1])),

@@ -12,7 +12,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from panoloc_mcl.robot.camera.formats import kalibr
 from panoloc_mcl.robot.camera.spec import AnyCamera, camera_from_mapping
@@ -89,6 +88,8 @@ def _camera(path: Path) -> AnyCamera | None:
 
 def _truth(path: Path) -> Trajectory:
     """Poses of a camera in TUM's format, of the axes of its image (x right, y down, z ahead): the heading is where it looks."""
+    from scipy.spatial.transform import Rotation
+
     try:
         table = np.loadtxt(path, ndmin=2)
         if table.shape[1] != 8:
