@@ -39,6 +39,8 @@ class References:
         is not known at all is without end.
     rows : (int, int), optional
         First row to use of the panoramas, and the one after the last; all if left out.
+    tall : bool
+        Depths are told by all of these rows, not only by those in which floors and walls stand in any room.
     """
 
     path: Path
@@ -49,6 +51,7 @@ class References:
     poses_of: Literal["base", "camera"] = "base"
     sds: NDArray[np.float64] | None = None
     rows: tuple[int, int] | None = None
+    tall: bool = False
 
     @property
     def geometry(self) -> PanoramaGeometry:
@@ -132,6 +135,8 @@ class ReferencePanoramas:
         Of the camera above the floor.
     sds : float64 (n, 2), optional
         Standard deviations that the map claims of their poses: of the position, metres, and of the heading, radians.
+    tall : bool
+        As in `References`.
     """
 
     pixels: NDArray[np.uint8]
@@ -141,6 +146,7 @@ class ReferencePanoramas:
     geometry: PanoramaGeometry
     camera_height_m: float | None
     sds: NDArray[np.float64] | None = None
+    tall: bool = False
 
     def __len__(self) -> int:
         return len(self.pixels)
@@ -212,6 +218,7 @@ def read_references(source: References, progress: Progress = no_progress) -> Ref
         names=tuple(file.name for file in source.files),
         geometry=geometry,
         camera_height_m=source.camera.height_m,
+        tall=source.tall,
     )
 
 

@@ -66,7 +66,7 @@ def sweep_profiles(
     float64 (n, columns)
         Metres.
     """
-    references = with_rows(references, core_rows(references.geometry))
+    references = references if references.tall else with_rows(references, core_rows(references.geometry))
     count, _, columns = references.pixels.shape
     synthesizer = ViewSynthesizer(references, np.ones((count, columns)), camera_height_m)
     tree = cKDTree(references.positions)

@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from panoloc_mcl.robot.eigenspace.gradients import orientations
 from panoloc_mcl.robot.references import ReferencePanoramas, References, read_references
 from panoloc_mcl.robot.settings.observation import VotesSettings
-from panoloc_mcl.robot.synthesis.depth import CORE_DEG, core_rows, sweep_profiles
+from panoloc_mcl.robot.synthesis.depth import CORE_DEG, core_rows, sweep_profiles, with_rows
 from panoloc_mcl.robot.synthesis.views import ViewSynthesizer
 
 Float64 = NDArray[np.float64]
@@ -58,6 +58,7 @@ def explained(
         return source, ()
     compared = as_compared(read_references(source))
     rows = explained_rows(compared, settings, threads)
+    source = replace(source, tall=all_tell_depth(with_rows(compared, rows), settings, threads))
     if rows == slice(0, compared.geometry.height):
         return source, ()
     scale = whole.height / compared.geometry.height
@@ -103,6 +104,29 @@ def explained_rows(references: ReferencePanoramas, settings: VotesSettings, thre
     while last < geometry.height - 1 and good[last + 1]:
         last += 1
     return slice(first, last + 1)
+
+
+def all_tell_depth(references: ReferencePanoramas, settings: VotesSettings, threads: int = 1) -> bool:
+    """Whether depths by all rows are no worse than by the core, where both must hold: in the core, for neighbours that told no depth.
+
+    Trees stand higher than walls, and a ceiling is no wall; only the images can tell which of them is above.
+    """
+    core, height = core_rows(references.geometry), references.camera_height_m
+    every = slice(0, references.geometry.height)
+    if core == every or height is None or len(np.unique(references.positions, axis=0)) < _CLUSTER_SIZE:
+        return False
+    chosen = references.of(_clusters(references.positions))
+    tree = cKDTree(chosen.positions)
+    distances, nearest = (np.asarray(part) for part in tree.query(chosen.positions, k=len(chosen)))
+    others = [row[apart > 1e-6].tolist() for row, apart in zip(nearest, distances, strict=True)]
+    # The nearest is held out.
+    tellers = [row[1 : 1 + settings.virtual_places.neighbours] for row in others]
+    agreement = []
+    for tall in (False, True):
+        profiles = sweep_profiles(replace(chosen, tall=tall), height, settings, threads=threads, neighbours=tellers)
+        rows = _agreement_of_rows(ViewSynthesizer(chosen, profiles, height), settings)
+        agreement.append(float(rows[:, core].mean()))
+    return agreement[1] >= agreement[0]
 
 
 def _clusters(positions: Float64) -> NDArray[np.int64]:

@@ -5,7 +5,7 @@ from oracles.rooms import BareRoom
 from panoloc_mcl.robot.camera import PanoramaGeometry
 from panoloc_mcl.robot.settings.observation import VotesSettings
 from panoloc_mcl.robot.synthesis.depth import with_rows
-from panoloc_mcl.robot.synthesis.explained_rows import explained_rows
+from panoloc_mcl.robot.synthesis.explained_rows import all_tell_depth, explained_rows
 
 POSITIONS = [(x, y) for x in (0.0, 0.6, 1.2) for y in (0.0, 0.5, 1.0)]
 
@@ -33,6 +33,19 @@ def test_a_ceiling_is_left_out_and_walls_are_kept() -> None:
     assert -74.0 <= kept.geometry.elevation_bottom_deg <= -60.0
     assert np.array_equal(kept.pixels, pixels[:, rows])
     assert kept.geometry.elevation_of_row(0) == pytest.approx(geometry.elevation_of_row(rows.start))
+
+
+def test_depth_is_told_by_high_rows_where_they_show_the_same_walls() -> None:
+    geometry = PanoramaGeometry(120, 70, -60.0, 80.0)
+    high = BareRoom().references(geometry, POSITIONS)
+    assert all_tell_depth(high, VotesSettings())
+    # What is above 30 degrees stands four times as far: a roof over the walls.
+    far = BareRoom(low=(-12.0, -12.0), high=(12.0, 12.0)).references(geometry, POSITIONS)
+    above = geometry.elevation_of_row(np.arange(70)) > np.radians(30.0)
+    pixels = np.where(above[:, None], far.pixels, high.pixels)
+    assert not all_tell_depth(type(high)(**{**vars(high), "pixels": pixels}), VotesSettings())
+    # A field without such rows has nothing to choose.
+    assert not all_tell_depth(BareRoom().references(PanoramaGeometry(90, 40, -50.0, 25.0), POSITIONS), VotesSettings())
 
 
 def test_without_a_height_all_rows_stay() -> None:
