@@ -145,9 +145,9 @@ def run(config: RunConfig, command: Sequence[str] = (), monitor: Monitor | None 
     try:
         sink.open(Scene(panorama_map.name, panorama_map.references, model.places, tuple(len(task.drive) for task, _ in trips)))
         for task, repeat in trips:
-            record, steps, skipped = localize(task, repeat, panorama_map, model, config, sink)
-            if skipped:
-                monitor.notice(f"sequence {record.name}: {skipped} of {len(task.drive)} images skipped; steps.csv says why")
+            record, steps, notes = localize(task, repeat, panorama_map, model, config, sink)
+            for note in notes:
+                monitor.notice(f"sequence {record.name}: {note}")
             records.append(writer.write_run(record, steps))
     finally:
         sink.close()
@@ -230,7 +230,7 @@ def localize(
     model: ObservationModel,
     config: RunConfig,
     sink: Sink | None = None,
-) -> tuple[SequenceRecord, list[dict[str, Any]], int]:
+) -> tuple[SequenceRecord, list[dict[str, Any]], list[str]]:
     """Run the localizer over one drive, watched by a sink.
 
     Returns
@@ -239,8 +239,8 @@ def localize(
         One row a frame that was answered.
     steps : list of dict
         The rows of ``steps.csv``.
-    skipped : int
-        Images that could not be used.
+    notes : list of str
+        What the user should know: images that could not be used, a mount that leans.
     """
     drive, sink = task.drive, sink or NullSink()
     truth = None if drive.groundtruth is None else truth_at(drive.groundtruth, drive.times)
@@ -286,7 +286,12 @@ def localize(
         covariances=np.array([estimate.covariance for estimate in estimates]),
     )
     sink.end(record)
-    return record, steps, localizer.images_skipped
+    notes = []
+    if localizer.images_skipped:
+        notes.append(f"{localizer.images_skipped} of {len(drive)} images skipped; steps.csv says why")
+    if localizer.mounting_tilt.leans:
+        notes.append(f"{localizer.mounting_tilt}, against that of the references; it is taken into account")
+    return record, steps, notes
 
 
 def _brought_to(estimate: Estimate, timestamp: float, localizer: Localizer) -> Estimate:
