@@ -151,6 +151,8 @@ def study(
     table = report.table("", _HEADS)
     work = [(condition, *sets[0]) for condition in chosen]
     work += [(condition, *others) for others in sets[1:] for condition in chosen if condition.by_light]
+    # Which drives are asked for does not change what one of them gives.
+    settings = config.model_dump_json(include={"observation", "localizer", "map", "seed"})
     maps: dict[tuple[str, str, bool], tuple[PanoramaMap, ObservationModel]] = {}
     with threadpool_limits(1):
         for done, (condition, dataset, drives) in enumerate(work):
@@ -167,7 +169,7 @@ def study(
 
             of_rows: dict[str, Claims] = {}
             for drive in drives if condition.by_light else _spread(drives, most_drives):
-                description = (condition, dataset.path, drive.name, every, config.model_dump_json(exclude={"output"}))
+                description = (condition, dataset.path, drive.name, every, settings)
 
                 def claimed(drive: Drive = drive, condition: Condition = condition, the_map: _TheMap = the_map) -> Claims:
                     return _claims(condition, config, drive, *the_map())
