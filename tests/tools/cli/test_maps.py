@@ -18,6 +18,7 @@ def test_a_map_from_a_drive_is_told_drawn_and_written_out(small_room, panoloc, t
     mapped = tmp_path / "drive.panomap"
     folder = getattr(small_room, "path", small_room)
     assert panoloc("build-map", folder, "-o", mapped, "--drives", "*", *FAST).code == 0
+    assert [file.name for file in tmp_path.iterdir() if file.suffix == ".unfinished"] == []
     built = PanoramaMap.load(mapped)
     assert len(built.keyframes) == len(built.references)
     assert len(built.keyframes.edges) > len(built.keyframes)
@@ -37,6 +38,23 @@ def test_a_map_from_a_drive_is_told_drawn_and_written_out(small_room, panoloc, t
     np.testing.assert_allclose(trajectory.times, built.keyframes.times)
     np.testing.assert_allclose(trajectory.poses[:, :2], built.keyframes.poses[:, :2], atol=1e-8)
     assert panoloc("export", mapped, "-o", tmp_path / "out").code == 2
+
+
+@pytest.mark.slow
+def test_a_map_is_replaced_by_its_update_or_stays_to_the_last_byte(small_room, panoloc, tmp_path: Path):
+    mapped = tmp_path / "room.panomap"
+    assert panoloc("build-map", small_room, "-o", mapped, *FAST).code == 0
+    before = mapped.read_bytes()
+    done = panoloc("update-map", mapped, small_room, "--drives", "*", "--json", *FAST)
+    assert done.code == 0
+    answer = json.loads(done.out)
+    (line,) = answer["done"]
+    assert line.startswith(f"drive {next(iter(read_dataset(small_room).sequences))}: ")
+    assert (mapped.read_bytes() == before) == (not answer["changed"])
+    assert [file.name for file in tmp_path.iterdir() if file.suffix == ".unfinished"] == []
+    # A map that is not there stays not there.
+    assert panoloc("update-map", tmp_path / "none", small_room, "--drives", "*").code == 2
+    assert not (tmp_path / "none").exists()
 
 
 def test_a_drive_without_odometry_is_one_line(panoloc, room: Path, tmp_path: Path):
