@@ -22,6 +22,8 @@ _SAMPLED = 8
 _RIGHT_M, _RIGHT_RAD = 0.25, np.radians(10.0)
 # A map may read this much worse than another before it is.
 _WORSE, _WORSE_M = 1.1, 0.002
+# One image in so many may be lost: a larger map has more places that look alike.
+_ONE_IN = 8
 
 
 def usual_agreement(panorama_map: PanoramaMap) -> float:
@@ -74,8 +76,9 @@ class Judgement:
         return float(np.median(self.metres[self.metres < _RIGHT_M])) if self.right else _RIGHT_M
 
     def is_worse_than(self, before: Judgement) -> bool:
-        """Fewer images are read rightly, or those less exactly."""
-        return self.right < before.right or self.median_m > _WORSE * before.median_m + _WORSE_M
+        """Fewer images are read rightly, beyond one in so many, or those less exactly."""
+        lost = before.right - self.right
+        return lost > len(self.metres) / _ONE_IN or self.median_m > _WORSE * before.median_m + _WORSE_M
 
 
 def pose_of(field: VoteField) -> Float64:

@@ -143,7 +143,8 @@ def _updated(
     told = f"{len(added)} keyframes added, {len(retired)} retired; {_told('held-out images of the drive', *later)}" + (
         f"; {_told('keyframes of before, each without itself', *past)}" if len(past[0].metres) else ""
     )
-    if any(after.is_worse_than(before) for before, after in (later, past)):
+    fewer = sum(after.right - before.right for before, after in (later, past)) < 0
+    if fewer or any(after.is_worse_than(before) for before, after in (later, past)):
         return Update(panorama_map, False, (f"drive {drive.name}: the old map is kept, as the new one reads worse: {told}",))
     return Update(new, True, (f"drive {drive.name}: {told}",))
 

@@ -97,8 +97,10 @@ def test_a_map_that_reads_worse_is_known():
     before = Judgement(np.array([0.01, 0.012, 0.011, np.inf]))
     assert not Judgement(np.array([0.011, 0.012, 0.012, np.inf])).is_worse_than(before)
     assert not Judgement(np.array([0.005, 0.006, 0.005, 0.2])).is_worse_than(before)
-    # One image less, or all less exactly.
+    # One image in four less, or all less exactly; one in eight may be lost.
     assert Judgement(np.array([0.005, 0.006, np.inf, np.inf])).is_worse_than(before)
+    assert not Judgement(np.array([*[0.01] * 7, np.inf])).is_worse_than(Judgement(np.full(8, 0.01)))
+    assert Judgement(np.array([*[0.01] * 6, np.inf, np.inf])).is_worse_than(Judgement(np.full(8, 0.01)))
     assert Judgement(np.array([0.02, 0.02, 0.02, 0.02])).is_worse_than(before)
     # Nothing to be judged by says nothing.
     assert not Judgement(np.zeros(0)).is_worse_than(Judgement(np.zeros(0)))
