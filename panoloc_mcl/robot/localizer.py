@@ -26,10 +26,13 @@ from panoloc_mcl.robot.motion import Anchor, ImageClock, Motion, OdometryBuffer,
 from panoloc_mcl.robot.motion.pace import Pace, paced
 from panoloc_mcl.robot.observation import ObservationModel, Places, VoteField
 from panoloc_mcl.robot.observation.field import Guess, silent_field
+from panoloc_mcl.robot.observation.tracking import Expected, TrackingModel
 from panoloc_mcl.robot.reasons import Finding, Reason
 from panoloc_mcl.robot.settings.config import LocalizerConfig
 from panoloc_mcl.robot.single_blas import one_blas_thread
 
+# While the pose is known, so many-th images are searched for all over the map all the same.
+_SEARCHED_EVERY = 10
 # Until the pose is known, an image may know more of it than the belief.
 _UNDECIDED = (Status.SEARCHING, Status.AMBIGUOUS)
 
@@ -180,7 +183,8 @@ class Localizer(SavedState):
                 self._filter.propagate(motion)
                 headings = self._filter.heading_hypotheses(offset)
             with _timed(stage_ms, "observe"):
-                votes, found = self._observe(image, headings, motion.distance)
+                expected = None if headings is not None or offset is not None else self._expected()
+                votes, found = self._observe(image, headings, expected, motion.distance)
             with _timed(stage_ms, "update"):
                 self._filter.update(votes, offset)
             self._learn_tilt(votes, motion)
@@ -245,14 +249,24 @@ class Localizer(SavedState):
         turned = gate.angle_deg > 0.0 and motion.turn >= math.radians(gate.angle_deg)
         return moved or turned
 
+    def _expected(self) -> Expected | None:
+        """Where a belief that is sure leads the image to be taken; None where it is to be searched for all over the map."""
+        if not self.settings.tracking or self._images % _SEARCHED_EVERY == 0 or self._anchor is None:
+            return None
+        best, (_, status) = self._filter.state().clusters[0], self._anchor
+        return Expected.of(best.pose, best.spread_m, best.spread_deg) if status is Status.CONVERGED else None
+
     def _observe(
-        self, image: NDArray[Any] | ImageError, headings: NDArray[np.float64] | None, way_m: float
+        self, image: NDArray[Any] | ImageError, headings: NDArray[np.float64] | None, expected: Expected | None, way_m: float
     ) -> tuple[VoteField, Finding]:
         """Vote field of an image, and what is wrong with it; one that cannot be used gives a field that is silent."""
         try:
             if isinstance(image, ImageError):
                 raise image
-            votes = self._observation.observe(self._unwrap(image), headings)
+            if expected is not None and isinstance(self._observation, TrackingModel):
+                votes = self._observation.observe_near(self._unwrap(image), expected)
+            else:
+                votes = self._observation.observe(self._unwrap(image), headings)
             # Only an image that was compared with the map has a confidence.
             reason = Reason.IMAGE_BLANK if math.isnan(votes.confidence) else Reason.FITS_NOWHERE
         except ImageError as error:

@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
+from panoloc_mcl.robot.camera import Panorama
 from panoloc_mcl.robot.errors import ConfigError, OutputError, StateError
 from panoloc_mcl.robot.filters import Estimate, Status
 from panoloc_mcl.robot.geometry import angle_difference
 from panoloc_mcl.robot.localizer import Localizer
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
+from panoloc_mcl.robot.observation import VoteField, VotesModel
+from panoloc_mcl.robot.observation.tracking import Expected
 from panoloc_mcl.robot.reasons import Reason
 from panoloc_mcl.robot.settings.localizer import InitialPose, LocalizerSettings
 from panoloc_mcl.tools.config.model import RunConfig
@@ -470,3 +473,41 @@ def test_a_state_of_another_map_is_refused(panorama_map: PanoramaMap, drive: Dri
     elsewhere = Localizer(replace(panorama_map, name="elsewhere"), config(monte_carlo={"particles": 100}))
     with pytest.raises(StateError, match="another map than 'elsewhere'"):
         elsewhere.load_state(tmp_path / "state.npz")
+
+
+def test_tracking_gives_the_poses_that_searching_gives(
+    panorama_map: PanoramaMap, drive: Drive, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    near, observe_near = [], VotesModel.observe_near
+
+    def watched(model: VotesModel, panorama: Panorama, expected: Expected) -> VoteField:
+        near.append(expected)
+        return observe_near(model, panorama, expected)
+
+    monkeypatch.setattr(VotesModel, "observe_near", watched)
+    played = [
+        drive.play(Localizer(panorama_map, config(initial="known_pose", tracking=tracking), start_pose=drive.start))
+        for tracking in (True, False)
+    ]
+    # Of a robot in so small a map, not every belief is narrow.
+    assert 2 <= len(near) < len(played[0])
+    for one, other in zip(*played, strict=True):
+        assert one is not None
+        assert other is not None
+        assert one.status is other.status is Status.CONVERGED
+        assert np.hypot(*(one.pose - other.pose)[:2]) < 0.02
+
+
+def test_somebody_carried_away_while_tracked_is_seen_at_once(panorama_map: PanoramaMap, drive: Drive) -> None:
+    localizer = Localizer(panorama_map, config(initial="known_pose"), start_pose=drive.start)
+    drive.play(localizer)
+    far = max(range(len(drive.truth)), key=lambda index: np.hypot(*(drive.truth[index] - drive.truth[-1])[:2]))
+    # Odometry is silent about it.
+    for step in (1, 2, 3):
+        time = drive.times[-1] + 0.2 * step
+        localizer.add_odometry(time, drive.odometry[-1][1])
+        estimate = localizer.add_image(time, drive.images[far])
+        assert estimate is not None
+        if step == 1:
+            assert estimate.status is not Status.CONVERGED or np.hypot(*(estimate.pose - drive.truth[far])[:2]) < 0.1
+    assert np.hypot(*(estimate.pose - drive.truth[far])[:2]) < 0.1

@@ -22,6 +22,7 @@ from panoloc_mcl.robot.localizer import Localizer
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.observation import ObservationModel
 from panoloc_mcl.tools.config import RunConfig, config_from_mapping
+from panoloc_mcl.tools.datasets import Sequence as Drive
 from panoloc_mcl.tools.datasets import read_dataset, read_image, resolve_dataset
 from panoloc_mcl.tools.runs.map_cache import cached_map
 
@@ -30,6 +31,8 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "virtual places, no refinement": {"refinement": {"enabled": False}},
     "all of it": {},
 }
+# Images of a drive: at most, and those that find the pose.
+_ALONG, _FIRST = 60, 3
 PEER, PRODUCT = "cv2.matchTemplate", "matrix product 1024 x 1024, float32"
 
 
@@ -50,21 +53,25 @@ def speed(dataset: str, repeats: int) -> Report:
             )
             label = f"pixels to vote field, {name.removesuffix(', no refinement')}"
             tasks[label] = partial(_vote_field, model, unwrap, images[0])
+    for tracking in (False, True):
+        how = "tracking" if tracking else "searching all over the map"
+        config = config_from_mapping({"localizer": {"tracking": tracking}})
+        tasks[f"pixels to pose, along a drive, {how}"] = along_a_drive(panorama_map, config, drive)
     panorama = panorama_map.unwrapper(drive.camera, drive.image_size)(images[0])
     tasks[PEER] = template_matching(panorama.pixels, panorama_map.references.pixels)
     tasks[PRODUCT], _ = matrix_product()
+    repeats = min(repeats, len(drive.files) - _FIRST - 1, _ALONG - _FIRST - 1)
     spent = interleaved(tasks, repeats)
     references, geometry = len(panorama_map.references), panorama_map.geometry
     report = Report(
-        f"One image of `{data.name}`: {references} references, {geometry.width} headings, one thread, {repeats} rounds in turns. "
+        f"One image of `{data.name}`: {references} references, {geometry.width} headings, one thread, {repeats} rounds in turns, "
+        "processor time. "
         "cv2.matchTemplate (TM_CCOEFF_NORMED, query wrapped, every reference) = 1."
     )
     table = report.table("", ("what", "ms", "time / template matching (95 %)", "times faster (95 %)"))
     for name, times in spent.items():
-        peer = spent[PEER].clock
-        table.add(
-            name, Number(1e3 * float(np.median(times.clock)), 2), Ratio.of(times.clock, peer), Ratio.of(peer, times.clock)
-        )
+        peer, own = spent[PEER].processor, times.processor
+        table.add(name, Number(1e3 * float(np.median(own)), 2), Ratio.of(own, peer), Ratio.of(peer, own))
     return report
 
 
@@ -82,6 +89,23 @@ def localizer_step(
         index = next(number)
         return localizer.add_image(float(index), images[index % len(images)])
 
+    return step
+
+
+def along_a_drive(panorama_map: PanoramaMap, config: RunConfig, drive: Drive) -> Callable[[], Estimate | None]:
+    """The next image of a drive from pixels to pose, with its odometry; the first ones, which find the pose, are taken at once."""
+    localizer = Localizer(panorama_map, config)
+    if drive.odometry is not None:
+        for when, pose in zip(drive.odometry.times, drive.odometry.poses, strict=True):
+            localizer.add_odometry(float(when), pose)
+    images = iter([(when, read_image(file)) for when, file in zip(drive.times, drive.files, strict=True)][:_ALONG])
+
+    def step() -> Estimate | None:
+        when, image = next(images)
+        return localizer.add_image(float(when), image)
+
+    for _ in range(_FIRST):
+        step()
     return step
 
 

@@ -293,3 +293,20 @@ def silent_field(headings: Float64, places: Places, problem: str, full_circle: b
     """The field of an image that says nothing: all votes 0, and why."""
     votes = np.zeros((len(headings), len(places)), dtype=np.float32)
     return VoteField(votes, headings, places, tolerance=1.0, full_circle=full_circle, problem=problem)
+
+
+def vote_of_cosine(cosines: Float32, width: float) -> Float32:
+    """The paper's voting function (eq. 3) of the angle whose cosine is given; 0 for negative cosines.
+
+    Parameters
+    ----------
+    cosines : float32, any shape
+    width : float
+        Sigma, radians.
+
+    Returns
+    -------
+    float32, same shape, in [0, 1]
+    """
+    angle = np.arccos(np.clip(cosines, 0.0, 1.0))
+    return np.asarray(np.exp(angle * angle * np.float32(-0.5 / width**2)), dtype=np.float32)

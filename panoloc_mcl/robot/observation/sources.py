@@ -15,10 +15,11 @@ from panoloc_mcl.robot.eigenspace.gradients import orientations
 from panoloc_mcl.robot.errors import MapError
 from panoloc_mcl.robot.kernels.warping import column_agreement
 from panoloc_mcl.robot.observation.overlap import squared_magnitude
+from panoloc_mcl.robot.observation.places import Places
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.references import ReferencePanoramas
 from panoloc_mcl.robot.settings.observation import VotesSettings
-from panoloc_mcl.robot.synthesis import ViewSynthesizer, check_poses, sweep_profiles
+from panoloc_mcl.robot.synthesis import ViewSynthesizer, check_poses, places_of, sweep_profiles
 from panoloc_mcl.robot.synthesis.spacing import LEAST_REACH_M, usual_spacing
 
 Features = tuple[NDArray[np.complex64], NDArray[np.bool_]]
@@ -128,3 +129,16 @@ def informative(references: ReferencePanoramas, settings: VotesSettings) -> NDAr
 def _agreement(first: Features, second: Features) -> float:
     common, mine, theirs = (float(part.sum()) for part in column_agreement(*first, *second))
     return common / float(np.sqrt(max(mine * theirs, 1e-12)))
+
+
+def places_between(
+    references: ReferencePanoramas,
+    everywhere: NDArray[np.float64],
+    settings: VotesSettings,
+    synthesizer: ViewSynthesizer | None,
+) -> Places:
+    """Of the references used, or between them; reports name the nearest of all references, taken at ``everywhere``."""
+    if synthesizer is None:
+        return Places(references.positions, None if len(references) == len(everywhere) else everywhere)
+    spacing = usual_spacing(references.positions)
+    return Places(places_of(synthesizer, spacing, settings.virtual_places), everywhere, least_reach=0.0)

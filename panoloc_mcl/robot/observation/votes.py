@@ -23,11 +23,12 @@ from panoloc_mcl.robot.eigenspace.gradients import check_filter_size, orientatio
 from panoloc_mcl.robot.eigenspace.pca import eigenspace_of
 from panoloc_mcl.robot.observation.base import Arrays
 from panoloc_mcl.robot.observation.calibration import Calibration, calibrate
-from panoloc_mcl.robot.observation.field import VoteField, at_headings, silent_field
+from panoloc_mcl.robot.observation.field import VoteField, at_headings, silent_field, vote_of_cosine
 from panoloc_mcl.robot.observation.overlap import OverlapNorms, block_energy, block_usable, squared_magnitude
 from panoloc_mcl.robot.observation.places import Places
 from panoloc_mcl.robot.observation.scale import at_resolution, references_at, resolution_of
-from panoloc_mcl.robot.observation.sources import check_texture, sources_of
+from panoloc_mcl.robot.observation.sources import check_texture, places_between, sources_of
+from panoloc_mcl.robot.observation.tracking import Expected
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.references import ReferencePanoramas
 from panoloc_mcl.robot.settings.observation import VotesSettings
@@ -36,10 +37,8 @@ from panoloc_mcl.robot.synthesis import (
     SourceErrors,
     ViewSynthesizer,
     learn_source_errors,
-    places_of,
     synthetic_features,
 )
-from panoloc_mcl.robot.synthesis.spacing import usual_spacing
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -47,6 +46,8 @@ Complex64 = NDArray[np.complex64]
 
 # What votes at the true pose fall short of the best ones, where it was not learnt; and at the least: few references teach no trust.
 _USUAL_TOLERANCE, _LEAST_TOLERANCE = 0.15, 0.08
+# Confidence that is proof enough where the pose was expected anyhow.
+_SURE = 0.9
 _FEWEST_COMPONENTS, _MOST_COMPONENTS, _PLACES_A_COMPONENT = 60, 200, 8
 
 
@@ -138,7 +139,7 @@ class VotesModel:
         everywhere = references.positions
         used, synthesizer, notes = sources_of(references, settings, progress, _threads(settings))
         references = references.of(used)
-        places = _places(references, everywhere, settings, synthesizer)
+        places = places_between(references, everywhere, settings, synthesizer)
         rows, columns = references.geometry.shape
         energies: dict[int, Float32] = {}
         shares: dict[int, Float32] = {}
@@ -202,7 +203,7 @@ class VotesModel:
             synthesizer = ViewSynthesizer(references, profiles, references.camera_height_m, alone)
             synthesizer.errors = SourceErrors.of_array(arrays.get("source_errors"))
         return cls(
-            _places(references, everywhere, settings, synthesizer),
+            places_between(references, everywhere, settings, synthesizer),
             settings,
             references.geometry.width,
             arrays["spectra"],
@@ -236,6 +237,13 @@ class VotesModel:
 
     def observe(self, panorama: Panorama, headings: NDArray[np.float64] | None = None) -> VoteField:
         """Votes of one image (see `ObservationModel.observe`)."""
+        return self._observe(panorama, headings, None)
+
+    def observe_near(self, panorama: Panorama, expected: Expected) -> VoteField:
+        """Votes of one image, its pose measured from where it is expected (see `TrackingModel`)."""
+        return self._observe(panorama, None, expected)
+
+    def _observe(self, panorama: Panorama, headings: Float64 | None, expected: Expected | None) -> VoteField:
         panorama = at_resolution(panorama, self._shape)
         z, mask = orientations(panorama, self.settings)
         problem = self._problem(panorama, z, mask)
@@ -249,11 +257,30 @@ class VotesModel:
         tolerance = self._tolerance * max(float(votes.max()), float(weakest))
         if headings is None:
             field = VoteField(votes, self._headings, self.places, tolerance)
-            return self._judged(field if self._refiner is None else self._refined(self._refiner, field, z, mask))
+            if self._refiner is None:
+                return self._judged(field)
+            followed = None if expected is None else self._followed(self._refiner, field, z, mask, expected)
+            return followed or self._judged(self._refined(self._refiner, field, z, mask))
         best = float(votes.max())
         return VoteField(
             at_headings(votes, headings), headings, self.places, tolerance, full_circle=False, best_at_any_heading=best
         )
+
+    def _followed(
+        self, refiner: PoseRefiner, field: VoteField, z: Complex64, mask: NDArray[np.bool_], expected: Expected
+    ) -> VoteField | None:
+        """The field with the pose measured from the expected one; None without proof that it is right.
+
+        Proof is that votes do not point elsewhere, that the pose stays where it was expected, and that field and view agree as much as
+        held-out references did where they were right.
+        """
+        if not expected.fits(field):
+            return None
+        # Votes know the heading better than odometry does.
+        measured = refiner.follow(z, mask, np.array([*expected.pose[:2], field.peak.heading]))
+        found = self._judged(field.with_measurement(measured))
+        sure = found.confidence >= _SURE or measured.agreement.cosine >= self.settings.refinement.sufficient_agreement
+        return found if found.informative and sure and expected.holds(measured.pose) else None
 
     def _refined(self, refiner: PoseRefiner, field: VoteField, z: Complex64, mask: NDArray[np.bool_]) -> VoteField:
         """The field with the pose of the best cell, refined.
@@ -362,30 +389,3 @@ def _frequencies(columns: int, bandwidth: float) -> NDArray[np.int64]:
 
 def _threads(settings: VotesSettings) -> int:
     return settings.virtual_places.threads or os.cpu_count() or 1
-
-
-def _places(
-    references: ReferencePanoramas, everywhere: Float64, settings: VotesSettings, synthesizer: ViewSynthesizer | None
-) -> Places:
-    """Of the references used, or between them; reports name the nearest of all references, taken at ``everywhere``."""
-    if synthesizer is None:
-        return Places(references.positions, None if len(references) == len(everywhere) else everywhere)
-    spacing = usual_spacing(references.positions)
-    return Places(places_of(synthesizer, spacing, settings.virtual_places), everywhere, least_reach=0.0)
-
-
-def vote_of_cosine(cosines: Float32, width: float) -> Float32:
-    """The paper's voting function (eq. 3) of the angle whose cosine is given; 0 for negative cosines.
-
-    Parameters
-    ----------
-    cosines : float32, any shape
-    width : float
-        Sigma, radians.
-
-    Returns
-    -------
-    float32, same shape, in [0, 1]
-    """
-    angle = np.arccos(np.clip(cosines, 0.0, 1.0))
-    return np.asarray(np.exp(angle * angle * np.float32(-0.5 / width**2)), dtype=np.float32)

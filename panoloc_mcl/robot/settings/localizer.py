@@ -274,3 +274,8 @@ class LocalizerSettings(StrictModel):
     motion: MotionSettings = Field(default_factory=MotionSettings, description="Odometry and its noise.")
     status: StatusSettings = Field(default_factory=StatusSettings, description="Thresholds of the status.")
     gate: GateSettings = Field(default_factory=GateSettings, description="Motion gate.")
+    tracking: bool = Field(
+        True,
+        description="While the pose is known well, an image's pose is measured from there; all over the map where that does not fit, "
+        "and for every tenth image. false = always all over the map: slower.",
+    )

@@ -31,6 +31,7 @@ Float64 = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 Complex64 = NDArray[np.complex64]
 Bool = NDArray[np.bool_]
+Factors = tuple[float, float]
 
 
 class Step(NamedTuple):
@@ -70,6 +71,8 @@ _REFINED_TO_THE_END = 2
 _SMALLEST_STEP_M, _SMALLEST_TURN = 1.5e-3, np.radians(0.01)
 # Of the standard deviation: a step this small is not worth another one.
 _SMALL = 0.3
+# From an expected pose, a step so many times as long, and a turn, may be the last: what is left to go is about a sixth of it.
+_LAST, _LAST_OF_FOLLOWED = (1.0, 1.0), (2.0, 5.0)
 # Sources are weighted by 1 / (distance + this), and by how sure their own poses are.
 _NEAR_M = 0.05
 # Columns count where they agree, over a window around them, by this share of the upper quartile of all at the least.
@@ -124,6 +127,21 @@ class PoseRefiner:
         planes = {fine[0].sigma: _planes(z, usable, fine[0].sigma)}
         return self._refined_to_the_end(planes, fine, np.array(pose, dtype=np.float64), np.zeros(2))
 
+    def follow(self, z: Complex64, usable: Bool, pose: Float64) -> PoseMeasurement:
+        """Refine a pose that is expected, right to a decimetre: the coarse steps that reach no farther, then the last ones.
+
+        Parameters
+        ----------
+        z, usable : complex64 and bool (rows, columns)
+            Features of the image (see `orientations`).
+        pose : float64 (3,)
+        """
+        coarse, fine = _steps(self._settings.refinement, z.shape[1])
+        steps = coarse[len(coarse) // 2 :]
+        planes = {sigma: _planes(z, usable, sigma) for sigma in {step.sigma for step in (*steps, *fine)}}
+        start, tilt, _, _ = self._descended(planes, steps, np.array(pose, dtype=np.float64), np.zeros(2))
+        return self._refined_to_the_end(planes, fine, start, tilt, _LAST_OF_FOLLOWED)
+
     def refine_best(
         self, z: Complex64, usable: Bool, poses: Iterable[Float64], sufficient: float = 1.0
     ) -> tuple[PoseMeasurement, list[float]]:
@@ -163,12 +181,12 @@ class PoseRefiner:
         return max(measured, key=lambda one: one.agreement.cosine), agreements
 
     def _refined_to_the_end(
-        self, planes: Mapping[float, Float32], fine: Sequence[Step], pose: Float64, tilt: Float64
+        self, planes: Mapping[float, Float32], fine: Sequence[Step], pose: Float64, tilt: Float64, last: Factors = _LAST
     ) -> PoseMeasurement:
-        pose, tilt, equations, at_rest = self._descended(planes, fine[:_SOON], pose, tilt)
+        pose, tilt, equations, at_rest = self._descended(planes, fine[:_SOON], pose, tilt, last)
         if not at_rest and len(fine) > _SOON:
             pose = self._around(planes, fine[-1], pose, tilt)
-            pose, tilt, equations, _ = self._descended(planes, fine[_SOON:], pose, tilt)
+            pose, tilt, equations, _ = self._descended(planes, fine[_SOON:], pose, tilt, last)
         pose[2] = wrap_angle(pose[2])
         leaning = _turned(tilt, -float(pose[2]))
         of_map, of_frame = self._synthesizer.errors_at(
@@ -178,10 +196,11 @@ class PoseRefiner:
         return PoseMeasurement(pose, covariance, leaning, equations.agreement, of_map, of_frame)
 
     def _descended(
-        self, planes: Mapping[float, Float32], steps: Sequence[Step], pose: Float64, tilt: Float64
+        self, planes: Mapping[float, Float32], steps: Sequence[Step], pose: Float64, tilt: Float64, last: Factors = _LAST
     ) -> tuple[Float64, Float64, Equations, bool]:
         """Pose and tilt after Gauss-Newton steps, the last equations, and whether they ended because nothing moved any more.
 
+        ``last`` are factors on how long a step and its turn may be to be the last.
         The tilt is about the map's axes here: pitch about y, roll about x.
         """
         unknowns = self._unknowns
@@ -190,7 +209,7 @@ class PoseRefiner:
             equations = self._equations(query, query_usable, pose[:2], step)
             change = equations.step(tilt, unknowns)
             pose, tilt = pose + change[:3], tilt + change[3:]
-            if step == steps[-1] and self._is_still(change, equations):
+            if step == steps[-1] and self._is_still(change[:3] / [last[0], last[0], last[1]], equations):
                 return pose, tilt, equations, True
         return pose, tilt, equations, False
 

@@ -221,3 +221,13 @@ def test_a_pose_that_does_not_come_to_rest_is_looked_for_around(fine, monkeypatc
     # An image of the map comes to rest by itself.
     refined(fine, "exact", *next(starts(1)))
     assert 1 <= len(looked) <= 3
+
+
+def test_an_expected_pose_is_followed_to_what_a_search_finds(fine) -> None:
+    refiner = PoseRefiner(fine.exact, SETTINGS)
+    for truth, off in starts(4):
+        z, usable = orientations(fine.room.panorama(fine.geometry, truth), SETTINGS)
+        followed, found = refiner.follow(z, usable, truth + 0.4 * off), refiner.refine(z, usable, truth + off)
+        assert np.hypot(*(followed.pose - truth)[:2]) < 0.01
+        assert np.hypot(*(followed.pose - found.pose)[:2]) < 0.003
+        assert np.linalg.eigvalsh(followed.covariance).min() > 0.0
