@@ -251,10 +251,12 @@ class Localizer(SavedState):
 
     def _expected(self) -> Expected | None:
         """Where a belief that is sure leads the image to be taken; None where it is to be searched for all over the map."""
-        if not self.settings.tracking or self._images % _SEARCHED_EVERY == 0 or self._anchor is None:
+        taken_in = self._images - self.images_skipped - self._gated
+        if not self.settings.tracking or taken_in % _SEARCHED_EVERY == 0:
             return None
-        best, (_, status) = self._filter.state().clusters[0], self._anchor
-        return Expected.of(best.pose, best.spread_m, best.spread_deg) if status is Status.CONVERGED else None
+        belief = self._filter.state()
+        best = belief.clusters[0]
+        return Expected.of(best.pose, best.spread_m, best.spread_deg) if belief.status is Status.CONVERGED else None
 
     def _observe(
         self, image: NDArray[Any] | ImageError, headings: NDArray[np.float64] | None, expected: Expected | None, way_m: float
