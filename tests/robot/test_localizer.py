@@ -499,7 +499,7 @@ def test_tracking_gives_the_poses_that_searching_gives(
 
 
 def test_somebody_carried_away_while_tracked_is_seen_at_once(panorama_map: PanoramaMap, drive: Drive) -> None:
-    localizer = Localizer(panorama_map, config(initial="known_pose"), start_pose=drive.start)
+    localizer = Localizer(panorama_map, config(initial="known_pose", tracking=True), start_pose=drive.start)
     drive.play(localizer)
     far = max(range(len(drive.truth)), key=lambda index: np.hypot(*(drive.truth[index] - drive.truth[-1])[:2]))
     # Odometry is silent about it.
