@@ -41,7 +41,8 @@ class CompactPoses:
     def of(cls, poses: Float64, origin: ArrayLike | None = None) -> Self:
         """Of x, y, heading (n, 3), metres and radians; about their middle, where no origin is given."""
         about = np.rint(poses[:, :2].mean(axis=0)) if origin is None else np.array(origin, dtype=np.float64)
-        x, y = (poses[:, :2] - about).T.astype(np.float32)
+        # In rows of their own: kernels are compiled for these, and run through them faster.
+        x, y = (poses[:, :2] - about).T.astype(np.float32, order="C")
         return cls(about, x, y, in_turns(poses[:, 2]))
 
     @classmethod

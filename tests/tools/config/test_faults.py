@@ -167,12 +167,12 @@ def test_faulty_options_are_named_together(faults):
 @pytest.mark.parametrize("key", ["particles", "adaptive.max_particles"])
 def test_more_particles_than_the_machine_can_hold(faults, write, monkeypatch, key):
     monkeypatch.setattr("panoloc_mcl.robot.settings.localizer.physical_memory", lambda: 2**30)
-    (found,) = faults("", f"localizer.monte_carlo.{key}=16777217")
+    (found,) = faults("", f"localizer.monte_carlo.{key}=19173962")
     assert found.endswith(
-        f"localizer.monte_carlo.{key} = 16777217: must be at most 16777216, as many as fit into this machine's 1.0 GiB of memory; "
+        f"localizer.monte_carlo.{key} = 19173962: must be at most 19173961, as many as fit into this machine's 1.0 GiB of memory; "
         "lower it"
     )
-    load_config(write(""), [f"localizer.monte_carlo.{key}=16777216"])
+    load_config(write(""), [f"localizer.monte_carlo.{key}=19173961"])
 
 
 def test_where_the_machine_does_not_tell_its_memory_any_count_is_taken(write, monkeypatch):

@@ -60,7 +60,9 @@ def test_lossy_layouts_keep_everything_but_the_last_bits_of_images(name: str, dr
     assert np.array_equal(found.times, drive.times)
     assert same_track(found.odometry, drive.odometry)
     for mine, theirs in zip(found.files, drive.files, strict=True):
-        assert np.abs(read_image(mine).astype(float) - read_image(theirs)).mean() < 6.0
+        # A video's frames are in colour where its codec has no grey.
+        decoded = np.atleast_3d(read_image(mine).astype(float)).mean(axis=2)
+        assert np.abs(decoded - read_image(theirs)).mean() < 6.0
 
 
 def test_plain_mcap_and_database_files(drive: Sequence, tmp_path: Path) -> None:
