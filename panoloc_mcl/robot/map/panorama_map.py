@@ -161,7 +161,7 @@ class PanoramaMap:
         cls, name: str, mended: Mended, observation: ObservationSettings, seed: int = 0, progress: Progress = no_progress
     ) -> Self:
         """A map of keyframes whose poses are settled."""
-        source, references = mended.source, mended.panoramas
+        source, references = mended.source, replace(mended.panoramas, sds=mended.keyframes.sds)
         with threadpool_limits(1, user_api="blas"):
             model = model_named(observation.model).build(references, observation.selected, seed, progress)
         notes = (*mended.notes, *model.notes)
@@ -172,6 +172,7 @@ class PanoramaMap:
         self, references: ReferencePanoramas, keyframes: Keyframes, progress: Progress = no_progress
     ) -> PanoramaMap:
         """The map made anew of other keyframes, with the same camera and settings."""
+        references = replace(references, sds=keyframes.sds)
         with threadpool_limits(1, user_api="blas"):
             model = model_named(self.observation.model).build(references, self.observation.selected, self.seed, progress)
         return replace(self, references=references, keyframes=keyframes, arrays=model.arrays(), notes=model.notes)

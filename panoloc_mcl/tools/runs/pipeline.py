@@ -290,7 +290,9 @@ def localize(
     if localizer.images_skipped:
         notes.append(f"{localizer.images_skipped} of {len(drive)} images skipped; steps.csv says why")
     if localizer.mounting_tilt.leans:
-        notes.append(f"{localizer.mounting_tilt}, against that of the references; every image is refined with a tilt of its own")
+        notes.append(
+            f"{localizer.mounting_tilt}, against that of the references; every image is refined with a tilt of its own"
+        )
     return record, steps, notes
 
 

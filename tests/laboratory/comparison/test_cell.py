@@ -84,7 +84,12 @@ def test_all_models_see_the_same_corrupted_images(plan_of, monkeypatch):
             return self._model.observe(panorama, headings)
 
     real = cells._map
-    monkeypatch.setattr(cells, "_map", lambda job, dataset: (real(job, dataset)[0], Spy(real(job, dataset)[1])))
+
+    def spied(job, dataset):
+        built, model, *more = real(job, dataset)
+        return built, Spy(model), *more
+
+    monkeypatch.setattr(cells, "_map", spied)
     for job in jobs(plan_of(corruptions=["random_pixels:0.5"], seeds=1)):
         assert isinstance(attempt(job), Runs)
     np.testing.assert_array_equal(seen["votes"], seen["orientation_correlation"])
