@@ -25,6 +25,7 @@ from panoloc_mcl.tools.datasets.pairs import paired
 from panoloc_mcl.tools.datasets.recordings import (
     dataset_of_recordings,
     is_folder_of_images,
+    is_named_by_times,
     is_recording,
     recordings_in,
     sequence_of,
@@ -158,8 +159,8 @@ def _sequence_entries(path: Path) -> list[Path]:
 
 
 def _is_recorded(entry: Path) -> bool:
-    # A folder of images without its table is one of ours that lacks it.
-    return is_recording(entry) and not is_folder_of_images(entry)
+    # A folder of images with other names than times is one of ours that lacks its table.
+    return is_recording(entry) and (not is_folder_of_images(entry) or is_named_by_times(entry))
 
 
 def _read_recorded(

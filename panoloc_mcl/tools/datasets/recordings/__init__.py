@@ -13,7 +13,7 @@ from panoloc_mcl.robot.references import References
 from panoloc_mcl.tools.config.recording import RecordingSettings
 from panoloc_mcl.tools.datasets.dataset import Dataset, Sequence
 from panoloc_mcl.tools.datasets.recordings.cold import is_cold, read_cold
-from panoloc_mcl.tools.datasets.recordings.folders import is_folder_of_images, read_folder
+from panoloc_mcl.tools.datasets.recordings.folders import is_folder_of_images, is_named_by_times, read_folder
 from panoloc_mcl.tools.datasets.recordings.recording import Recording
 from panoloc_mcl.tools.datasets.recordings.ros.hilti import is_hilti, read_hilti
 from panoloc_mcl.tools.datasets.recordings.video import VIDEOS, read_video
@@ -22,6 +22,7 @@ __all__ = [
     "Recording",
     "dataset_of_recordings",
     "is_folder_of_images",
+    "is_named_by_times",
     "is_recording",
     "read_recording",
     "recordings_in",

@@ -25,6 +25,11 @@ def is_folder_of_images(path: Path) -> bool:
     return any(track_beside(path, "", part) for part in ("odometry", "groundtruth")) and len(_images(path)) > 0
 
 
+def is_named_by_times(path: Path) -> bool:
+    """Whether all images of a folder are named by times."""
+    return all(_STAMP.fullmatch(file.stem) for file in _images(path))
+
+
 def _images(path: Path) -> list[Path]:
     inside = [path, *(path / name for name in ("images", "rgb", "image") if (path / name).is_dir())]
     return next(

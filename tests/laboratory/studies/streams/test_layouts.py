@@ -32,7 +32,7 @@ def test_raw_omnidirectional_images_of_their_own_camera(ask) -> None:
     assert answer.code == 0
     for row in answer.rows():
         assert (row["poses"], row["metrics"]) == ("identical", "equal")
-        assert row["images answered"] == 12
+        assert row["images answered"] == 6
 
 
 def test_what_cannot_be_asked_is_one_line(ask, small_room) -> None:
