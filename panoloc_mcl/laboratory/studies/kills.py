@@ -103,7 +103,9 @@ def study(
             tally.damaged += len(damaged(work))
             if tally.kills % _FINISH_EVERY == 0 or count + len(commands) >= kills:
                 tally.restarts += 1
-                tally.finished += _start(name, work).wait() == 0
+                # A data set that was whole when its process was killed is there already: it is refused to be overwritten.
+                whole = name == "simulate" and (work / "killed" / "data" / "dataset.yaml").is_file()
+                tally.finished += _start(name, work).wait() == 0 or whole
                 tally.damaged += len(damaged(work))
                 _clear(work)
             progress(count + 1, kills, "kills")
