@@ -13,6 +13,7 @@ is none. Votes are a bump around the answer, as the particle filter wants a fiel
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import Any
 
@@ -77,9 +78,9 @@ class StructurePeer(Peer[StructureSettings]):
         self._point_of = np.split(self._arrays["point_of"], ends)
 
     @staticmethod
+    @abstractmethod
     def features(settings: Any) -> Features:
         """The kind of features."""
-        raise NotImplementedError
 
     @classmethod
     def learn(
