@@ -14,6 +14,7 @@ from panoloc_mcl.tools.datasets.trajectory import Trajectory, read_tum
 
 IMAGES = (".png", ".jpg", ".jpeg")
 _STAMP = re.compile(r"(?:.*?[^0-9.])?(\d+)(?:\.(\d{1,9}))?")
+_SURELY_A_STAMP = re.compile(r"\d+\.\d{1,9}|\d{10,}")  # a counter such as f003 or 0003 is not
 _HEADINGS = ("theta", "yaw", "heading")
 _TIMES = ("timestamp", "time", "stamp", "t")
 
@@ -26,8 +27,8 @@ def is_folder_of_images(path: Path) -> bool:
 
 
 def is_named_by_times(path: Path) -> bool:
-    """Whether all images of a folder are named by times."""
-    return all(_STAMP.fullmatch(file.stem) for file in _images(path))
+    """Whether all images of a folder are named by times and not by counters: a drive that lost its frames.csv is no recording."""
+    return all(_SURELY_A_STAMP.fullmatch(file.stem) for file in _images(path))
 
 
 def _images(path: Path) -> list[Path]:
