@@ -7,9 +7,12 @@ import pytest
 
 from panoloc_mcl.laboratory.studies import soak as harness
 from panoloc_mcl.laboratory.studies.soak import IMAGE_FAULTS, Findings, soak, study
+from panoloc_mcl.laboratory.studies.soak.remembered import RememberedModel
 from panoloc_mcl.robot.filters import Status
 from panoloc_mcl.robot.localizer import Localizer
-from panoloc_mcl.tools.datasets import Dataset
+from panoloc_mcl.robot.map.panorama_map import PanoramaMap
+from panoloc_mcl.robot.settings.observation import ObservationSettings
+from panoloc_mcl.tools.datasets import Dataset, read_image
 
 
 @pytest.fixture(autouse=True)
@@ -59,6 +62,31 @@ def test_what_breaks_is_found(small_room: Dataset, monkeypatch) -> None:
     assert found.wrong >= 19
     assert found.too_long >= found.wrong - harness.MOST_IN_ROW
     assert found.faults_found()
+
+
+@pytest.mark.slow
+def test_what_is_remembered_is_what_the_model_answers(small_room: Dataset) -> None:
+    panorama_map = PanoramaMap.build(small_room)
+    model = panorama_map.observation_model(ObservationSettings())
+    remembered, asked = RememberedModel(model), []
+    observe = model.observe
+    model.observe = lambda *args: asked.append(args) or observe(*args)  # type: ignore[method-assign]
+    drive = next(iter(small_room.sequences.values()))
+    unwrap = panorama_map.unwrapper(drive.camera, drive.image_size)
+    panoramas = [unwrap(read_image(drive.files[number])) for number in (0, 3)]
+    panoramas.append(replace(panoramas[0], pixels=np.zeros_like(panoramas[0].pixels)))
+    for headings in (None, np.array([0.3]), np.linspace(0.0, 1.0, 7)):
+        for panorama in (*panoramas, *panoramas):
+            expected, found = observe(panorama, headings), remembered.observe(panorama, headings)
+            np.testing.assert_array_equal(found.votes, expected.votes)
+            np.testing.assert_array_equal(found.headings, expected.headings)
+            assert found.tolerance == expected.tolerance
+            assert (found.problem, found.full_circle) == (expected.problem, expected.full_circle)
+            np.testing.assert_equal(found.best_at_any_heading, expected.best_at_any_heading)
+            if expected.measurement is not None and found.measurement is not None:
+                np.testing.assert_array_equal(found.measurement.pose, expected.measurement.pose)
+    # Three images anywhere and three with headings; a silent one is asked again, as its rows depend on the headings.
+    assert len(asked) == 3 + 3 + 4
 
 
 @pytest.mark.parametrize("name", list(IMAGE_FAULTS))

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.laboratory.reports import Report
+from panoloc_mcl.laboratory.studies.soak.remembered import RememberedModel
 from panoloc_mcl.laboratory.studies.soak.world import World
 from panoloc_mcl.robot.filters import Estimate, Status
 from panoloc_mcl.robot.geometry import angle_difference
@@ -134,6 +135,7 @@ def soak(data: Dataset, mode: Mode, updates: int, seed: int, progress: Progress 
         camera=drives[0].camera,
         image_size=drives[0].image_size,
         start_pose=tuple(world.pose.tolist()),
+        model=RememberedModel(panorama_map.observation_model(config.observation)),
     )
     found, in_row, last_fault = Findings(), 0, "none"
     begin = time.perf_counter()

@@ -15,9 +15,11 @@ from panoloc_mcl.tools.datasets import Sequence, read_image
 
 Float64 = NDArray[np.float64]
 
-_ODOMETRY_S = 0.1
+_ODOMETRY_S = 0.2
 # Chances of a fault at an image: in its pixels, in its stamp, in the odometry up to it; and of being carried off.
 _IN_IMAGE, _IN_STAMP, _IN_ODOMETRY, _CARRIED_OFF = 0.12, 0.05, 0.05, 0.005
+# Of every fault of every image there are so many.
+_VARIANTS = 2
 
 
 class World:
@@ -29,6 +31,7 @@ class World:
         self._frame, self._direction = 0, 1
         self._clock, self._reported = 1000.0, np.zeros(3)
         self._images: dict[tuple[str, int], Image] = {}
+        self._spoilt_images: dict[tuple[str, int, str, int], Image] = {}
         self._truth = {drive.name: drive.groundtruth.at(drive.times) for drive in drives if drive.groundtruth is not None}
         self._pending: list[tuple[float, Image]] = []
         self._frozen_image: Image | None = None
@@ -105,7 +108,7 @@ class World:
             name = names[int(rng.integers(len(names)))]
             yield name
             last = image if self._frozen_image is None else self._frozen_image
-            image = last if name == FROZEN else IMAGE_FAULTS[name](image, rng)
+            image = last if name == FROZEN else self._spoilt(name, int(rng.integers(_VARIANTS)))
         self._frozen_image = self._image()
         self._next = (stamp, image)
         if rng.random() < _IN_STAMP:
@@ -127,6 +130,14 @@ class World:
         self._pending = self._pending[-2:]
         if self._next is not None and np.isfinite(self._next[0]):
             self._sent = [self._next[0]]
+
+    def _spoilt(self, fault: str, variant: int) -> Image:
+        """The image of now with a fault; one of a few of its kind, so that a million images are some thousand different ones."""
+        key = (self._drive.name, self._frame, fault, variant)
+        if key not in self._spoilt_images:
+            rng = np.random.default_rng([variant, self._frame, *fault.encode()])
+            self._spoilt_images[key] = IMAGE_FAULTS[fault](self._image(), rng)
+        return self._spoilt_images[key]
 
     def _image(self) -> Image:
         key = (self._drive.name, self._frame)
