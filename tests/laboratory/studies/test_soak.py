@@ -4,13 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from panoloc_mcl.laboratory.studies import soak as harness
 from panoloc_mcl.laboratory.studies.soak import IMAGE_FAULTS, Findings, soak, study
 from panoloc_mcl.laboratory.studies.soak.remembered import RememberedModel
+from panoloc_mcl.robot.camera import Panorama
 from panoloc_mcl.robot.filters import Status
 from panoloc_mcl.robot.localizer import Localizer
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
+from panoloc_mcl.robot.observation import VoteField
 from panoloc_mcl.robot.settings.observation import ObservationSettings
 from panoloc_mcl.tools.datasets import Dataset, read_image
 
@@ -65,12 +68,17 @@ def test_what_breaks_is_found(small_room: Dataset, monkeypatch) -> None:
 
 
 @pytest.mark.slow
-def test_what_is_remembered_is_what_the_model_answers(small_room: Dataset) -> None:
+def test_what_is_remembered_is_what_the_model_answers(small_room: Dataset, monkeypatch) -> None:
     panorama_map = PanoramaMap.build(small_room)
     model = panorama_map.observation_model(ObservationSettings())
-    remembered, asked = RememberedModel(model), []
-    observe = model.observe
-    model.observe = lambda *args: asked.append(args) or observe(*args)  # type: ignore[method-assign]
+    asked, observe = [], model.observe
+
+    def counted(panorama: Panorama, headings: NDArray[np.float64] | None = None) -> VoteField:
+        asked.append(headings)
+        return observe(panorama, headings)
+
+    monkeypatch.setattr(model, "observe", counted)
+    remembered = RememberedModel(model)
     drive = next(iter(small_room.sequences.values()))
     unwrap = panorama_map.unwrapper(drive.camera, drive.image_size)
     panoramas = [unwrap(read_image(drive.files[number])) for number in (0, 3)]

@@ -39,9 +39,9 @@ class RememberedModel:
 
     def observe(self, panorama: Panorama, headings: NDArray[np.float64] | None = None) -> VoteField:
         """Votes of one image (see `ObservationModel.observe`)."""
-        key = zlib.crc32(np.ascontiguousarray(panorama.pixels))
+        key = zlib.crc32(panorama.pixels.tobytes())
         if panorama.valid is not None:
-            key = zlib.crc32(np.ascontiguousarray(panorama.valid), key)
+            key = zlib.crc32(panorama.valid.tobytes(), key)
         if headings is None:
             return _answer(self._anywhere, key, lambda: self._model.observe(panorama))
         columns = panorama.pixels.shape[1]

@@ -8,7 +8,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from panoloc_mcl.laboratory.studies.soak.world import World
 from panoloc_mcl.robot.filters import Estimate, Status
 from panoloc_mcl.robot.geometry import angle_difference
 from panoloc_mcl.robot.localizer import Localizer
+from panoloc_mcl.robot.observation import ObservationModel
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.settings.config import LocalizerConfig
 from panoloc_mcl.robot.settings.localizer import LocalizerSettings
@@ -135,7 +136,7 @@ def soak(data: Dataset, mode: Mode, updates: int, seed: int, progress: Progress 
         camera=drives[0].camera,
         image_size=drives[0].image_size,
         start_pose=tuple(world.pose.tolist()),
-        model=RememberedModel(panorama_map.observation_model(config.observation)),
+        model=cast(ObservationModel, RememberedModel(panorama_map.observation_model(config.observation))),
     )
     found, in_row, last_fault = Findings(), 0, "none"
     begin = time.perf_counter()
