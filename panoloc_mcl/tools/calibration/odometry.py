@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import block_diag
 
 from panoloc_mcl.robot.geometry import angle_difference, between, interpolate_at
 
@@ -14,8 +15,11 @@ Float64 = NDArray[np.float64]
 FEWEST_IMAGES = 8
 # Errors of wheels along the way and aside of it, as shares of it: where to begin, and the least; the rest of a drive tells them.
 _SHARES, _LEAST_SHARE, _ROUNDS = (0.1, 0.03), 0.005, 6
-# What a turn of a radian moves a base aside that odometry knows nothing of; on a rendered hall's noisy wheels.
-_SLIP_M = 0.01
+# What a turn of a radian moves a base aside that odometry knows nothing of.
+_SLIP_M = 0.003
+# How far the speed's change between two messages takes an image off a straight line, of the most it can. An even change makes it a
+# quarter, a jump while the image is taken makes it one; the drive tells which, and what is left is noise.
+_BEND, _BEND_SD, _BEND_NOISE = 0.5, 0.5, 0.1
 # How much of an error of the heading comes about by a metre, to that by a radian.
 _DRIFT = 0.1
 _IMAGE_M = 0.002
@@ -84,11 +88,15 @@ def place_camera(times: Float64, poses: Float64, odometry_times: Float64, odomet
     turns = _turn(poses[:, 2])
     # Camera motion = scaled and turned way of the base + what its turn swings the camera by.
     aside = np.stack([-way[:, 1], way[:, 0]], axis=-1)
-    design = np.concatenate([np.stack([way, aside], axis=-1), turns[1:] - turns[:-1]], axis=2)
+    bends, speeds = _bends(times + used, poses[:, 2], odometry_times, odometry)
+    parts = np.stack([way, aside], axis=-1), turns[1:] - turns[:-1], -np.diff(bends, axis=0)[:, :, None]
+    design = np.concatenate(parts, axis=2)
+    prior = np.diag([0.0, 0.0, 0.0, 0.0, _BEND_SD**-2]) + 1e-6 * np.eye(5)
     moved = poses[1:, :2] - poses[:-1, :2]
     # The error of an image enters the way before it and the way after it.
-    links = np.diff(np.eye(len(times)), axis=0)
-    of_images = _IMAGE_M**2 * np.kron(links @ links.T, np.eye(2))
+    links = np.kron(np.diff(np.eye(len(times)), axis=0), np.eye(2))
+    each = _IMAGE_M**2 * np.eye(2) + _BEND_NOISE**2 * speeds[:, :, None] * speeds[:, None, :]
+    of_images = links @ block_diag(*each) @ links.T
     slip = (_SLIP_M * turned[:, None, None]) ** 2 * np.eye(2)
     kept, shares = np.ones(len(way), dtype=np.bool_), _SHARES
     for _ in range(_ROUNDS):
@@ -98,14 +106,14 @@ def place_camera(times: Float64, poses: Float64, odometry_times: Float64, odomet
             at = slice(2 * step, 2 * step + 2)
             covariance[at, at] += spread[step] if kept[step] else _UNKNOWN * np.eye(2)
         root = np.linalg.cholesky(covariance)
-        a, b = np.linalg.solve(root, design.reshape(-1, 4)), np.linalg.solve(root, moved.reshape(-1))
-        normal = a.T @ a + 1e-6 * np.eye(4)
-        found = np.linalg.solve(normal, a.T @ b)
+        a, b = np.linalg.solve(root, design.reshape(-1, 5)), np.linalg.solve(root, moved.reshape(-1))
+        normal = a.T @ a + prior
+        found = np.linalg.solve(normal, a.T @ b + prior[:, 4] * _BEND)
         rest = moved - design @ found
         off = np.einsum("ki,kij,kj->k", rest, np.linalg.inv(spread + 2.0 * _IMAGE_M**2 * np.eye(2)), rest)
         kept = off < _OUTLIER**2 * max(float(np.median(off[kept])) / _MEDIAN_CHI2, 1.0)
         shares = _shares(rest[kept], way[kept], lengths[kept])
-    variance = float(((b - a @ found) ** 2).sum()) / max(2 * int(kept.sum()) - 4, 1)
+    variance = float(((b - a @ found) ** 2).sum()) / max(2 * int(kept.sum()) - 5, 1)
     error = variance * np.linalg.inv(normal)
     scale = float(np.hypot(found[0], found[1]))
     sd_yaw = float(np.sqrt(error[1, 1])) / max(scale, 1e-6)
@@ -169,6 +177,24 @@ def _ways(times: Float64, headings: Float64, odometry_times: Float64, odometry: 
     along = np.add.reduceat(np.einsum("k,ki,kj->kij", weights, ahead, ahead), ends[:-1])
     turned = np.add.reduceat(np.abs(steps[:, 2]), ends[:-1])
     return way, whole, along / np.add.reduceat(weights, ends[:-1])[:, None, None], turned
+
+
+def _bends(times: Float64, headings: Float64, odometry_times: Float64, odometry: Float64) -> tuple[Float64, Float64]:
+    """How far a change of speed takes images off the straight line between messages at the most, and that change; (n, 2), map's axes.
+
+    The most is a jump of the speed while the image is taken. Metres, and metres a message.
+    """
+    inner = np.searchsorted(odometry_times, times, side="right") - 1
+    before = np.clip(inner, 1, max(len(odometry_times) - 3, 1))
+    if len(odometry_times) < 4:
+        return np.zeros((len(times), 2)), np.zeros((len(times), 2))
+    spans = np.diff(odometry_times)
+    speed = np.diff(odometry[:, :2], axis=0) / np.maximum(spans, 1e-9)[:, None]
+    change = (speed[before + 1] - speed[before - 1]) * spans[before, None]
+    off = angle_difference(headings, interpolate_at(odometry_times, odometry, times)[:, 2])
+    change = np.einsum("kij,kj->ki", _turn(np.asarray(off)), change)
+    share = np.clip((times - odometry_times[before]) / np.maximum(spans[before], 1e-9), 0.0, 1.0)
+    return change * (share * (1.0 - share))[:, None], change
 
 
 def _time_offset(times: Float64, poses: Float64, odometry_times: Float64, odometry: Float64) -> tuple[float, float]:

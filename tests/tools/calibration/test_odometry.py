@@ -83,6 +83,28 @@ def test_wheels_that_slip_along_the_way_cost_little(seed: int) -> None:
     assert abs(found.y_m - 0.05) < 3.0 * found.sd_y_m
 
 
+@pytest.mark.parametrize("jumps", [True, False])
+def test_messages_that_are_rare_where_the_robot_stops_to_turn_cost_little(jumps: bool) -> None:
+    """Straight on for two images, a turn on the spot for two, always to the left: what is cut off a corner looks like a lever.
+
+    The speed changes at once as an image is taken, or over half a second.
+    """
+    fine = np.arange(0.0, 40.0, 0.01)
+    spot = ((fine - 1.0) // 2.0) % 2 == 1
+    speed, rate = np.where(spot, 0.0, 0.25), np.where(spot, 0.45, 0.0)
+    if not jumps:
+        speed, rate = (np.convolve(np.pad(one, 25, mode="edge"), np.ones(51) / 51.0, mode="valid") for one in (speed, rate))
+    heading = np.concatenate([[0.0], np.cumsum(rate[:-1])]) * 0.01
+    x, y = (np.concatenate([[0.0], np.cumsum(speed[:-1] * part(heading[:-1]))]) * 0.01 for part in (np.cos, np.sin))
+    base = np.stack([x, y, heading], axis=-1)
+    messages = np.arange(0.03, 39.9, 0.16)
+    stamps, poses = seen(base, fine, np.arange(1.0, 39.0, 1.0), np.random.default_rng(7))
+    found = place_camera(stamps, poses, messages, interpolate_at(fine, base, messages))
+    assert found is not None
+    assert abs(found.x_m - 0.15) < 0.005
+    assert abs(found.y_m - 0.05) < min(0.005, 3.0 * found.sd_y_m)
+
+
 def test_measurements_that_contradict_each_other_are_not_believed_to_the_millimetre() -> None:
     agreed, sd = pooled([0.05, 0.052], [0.002, 0.002])
     assert (agreed, sd) == pytest.approx((0.051, 0.002 / np.sqrt(2.0)))
