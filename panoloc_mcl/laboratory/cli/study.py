@@ -15,6 +15,7 @@ STUDIES = (
     "maps.poses",
     "soak",
     "kills",
+    "fuzz",
     "consistency",
     "light",
     "camera",

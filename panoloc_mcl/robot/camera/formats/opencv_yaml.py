@@ -22,7 +22,7 @@ def parse_opencv(text: str, source: str) -> dict[str, Any]:
         storage = cv2.FileStorage(start, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
         root = storage.root()
         return {key: _plain(root.getNode(key)) for key in root.keys()}  # noqa: SIM118
-    except (cv2.error, SystemError) as error:
+    except (cv2.error, SystemError, ValueError) as error:
         raise CameraError(f"{source}: is not valid OpenCV YAML ({str(error).splitlines()[0]}); export it again") from error
 
 
@@ -30,7 +30,10 @@ def _plain(node: Any) -> Any:
     if node.isMap():
         keys = node.keys()
         if {"rows", "cols", "data"} <= set(keys):
-            return node.mat().ravel().tolist()
+            matrix = node.mat()
+            if matrix is None:
+                raise ValueError(f"matrix {node.name()} does not hold what its rows and cols say")
+            return matrix.ravel().tolist()
         return {key: _plain(node.getNode(key)) for key in keys}
     if node.isSeq():
         return [_plain(node.at(index)) for index in range(node.size())]

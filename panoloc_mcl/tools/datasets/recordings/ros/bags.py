@@ -71,7 +71,10 @@ class Bag:
     def _open_cut_off(self, reason: Exception) -> None:
         from panoloc_mcl.tools.datasets.recordings.ros.salvage import salvaged
 
-        found = salvaged(self.path)
+        try:
+            found = salvaged(self.path)
+        except Exception:  # such as types that contradict each other
+            found = None
         if found is None:
             text = " ".join(str(reason).split()) or type(reason).__name__
             raise DatasetError(

@@ -60,7 +60,7 @@ def salvaged_ros1(path: Path) -> Salvaged | None:
     with path.open("rb") as stream:
         if stream.read(len(_ROS1_MAGIC)) != _ROS1_MAGIC:
             return None
-    return _salvaged(lambda: _ros1(path), ros1=True)
+    return _salvaged(lambda: _until_damage(_ros1(path)), ros1=True)
 
 
 def salvaged_mcap(path: Path) -> Salvaged | None:
@@ -68,7 +68,7 @@ def salvaged_mcap(path: Path) -> Salvaged | None:
     with path.open("rb") as stream:
         if not stream.read(8).startswith(b"\x89MCAP"):
             return None
-    return _salvaged(lambda: _mcap(path), ros1=False)
+    return _salvaged(lambda: _until_damage(_mcap(path)), ros1=False)
 
 
 def salvaged_sqlite(path: Path) -> Salvaged | None:
@@ -80,8 +80,8 @@ def salvaged_sqlite(path: Path) -> Salvaged | None:
 
     # Types are those of the standard: older databases do not hold their definitions.
     store = get_typestore(Stores.ROS2_HUMBLE)
-    topics = {topic: kind for topic, kind, _, _, _ in _sqlite(path) if kind in store.types}
-    return Salvaged(topics, store.deserialize_cdr, lambda: _sqlite(path))
+    topics = {topic: kind for topic, kind, _, _, _ in _until_damage(_sqlite(path)) if kind in store.types}
+    return Salvaged(topics, store.deserialize_cdr, lambda: _until_damage(_sqlite(path)))
 
 
 _SALVAGED: dict[str, Callable[[Path], Salvaged | None]] = {
@@ -103,6 +103,14 @@ def salvaged(path: Path) -> Salvaged | None:
     return Salvaged(topics, parts[0].decode, lambda: itertools.chain.from_iterable(part.read() for part in parts), unknown)
 
 
+def _until_damage(found: Iterator[_Found]) -> Iterator[_Found]:
+    """Messages up to the first place that is missing or damaged, whatever that does to its reader."""
+    try:
+        yield from found
+    except Exception:
+        return
+
+
 def _sqlite(path: Path) -> Iterator[_Found]:
     import apsw
 
@@ -114,9 +122,6 @@ def _sqlite(path: Path) -> Iterator[_Found]:
         for number, stamp, data in base.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY id"):
             if number in topics and data is not None:
                 yield (*topics[number], "", stamp, _plain(bytes(data)))
-    except apsw.Error:
-        # Pages that are missing.
-        return
     finally:
         base.close()
 
@@ -164,17 +169,12 @@ def _plain(data: bytes) -> bytes:
 
 
 def _mcap(path: Path) -> Iterator[_Found]:
-    from mcap.exceptions import McapError
     from mcap.reader import NonSeekingReader
 
     with path.open("rb") as stream:
-        try:
-            for schema, channel, message in NonSeekingReader(stream).iter_messages(log_time_order=False):
-                if schema is not None and schema.encoding == "ros2msg":
-                    yield channel.topic, schema.name, schema.data.decode(), message.log_time, message.data
-        except (McapError, EOFError, ValueError, struct.error):
-            # The end that is missing.
-            return
+        for schema, channel, message in NonSeekingReader(stream).iter_messages(log_time_order=False):
+            if schema is not None and schema.encoding == "ros2msg":
+                yield channel.topic, schema.name, schema.data.decode(), message.log_time, message.data
 
 
 def _ros1(path: Path) -> Iterator[_Found]:
@@ -185,10 +185,7 @@ def _ros1(path: Path) -> Iterator[_Found]:
             if header.get(b"op") != bytes([_CHUNK]):
                 yield from _ros1_message(header, data, connections)
                 continue
-            try:
-                content = _uncompressed(header.get(b"compression", b"none"), data)
-            except (OSError, ValueError, RuntimeError):
-                return
+            content = _uncompressed(header.get(b"compression", b"none"), data)
             for inner, inner_data in _records_of(content):
                 yield from _ros1_message(inner, inner_data, connections)
 
