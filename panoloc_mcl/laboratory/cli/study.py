@@ -16,6 +16,7 @@ STUDIES = (
     "soak",
     "kills",
     "fuzz",
+    "doubt",
     "consistency",
     "light",
     "camera",
