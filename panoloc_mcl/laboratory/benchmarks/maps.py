@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from panoloc_mcl.laboratory.benchmarks.speed import localizer_step
-from panoloc_mcl.laboratory.comparison.plots import save_png
+from panoloc_mcl.laboratory.comparison.summaries.plots import save_png
 from panoloc_mcl.laboratory.reports import Number, Ratio, Report
 from panoloc_mcl.laboratory.timing import in_a_process, interleaved, matrix_product
 from panoloc_mcl.robot.camera import Panorama, PanoramaGeometry

@@ -11,7 +11,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from panoloc_mcl.laboratory.comparison.runs import Answers, Failure, MapCost, Runs, pose_said
-from panoloc_mcl.laboratory.comparison.tables import Entry, Kind, Row
+from panoloc_mcl.laboratory.comparison.summaries.tables import Entry, Kind, Row
 from panoloc_mcl.laboratory.reports import Number, Rate, Report, Spread, Table
 from panoloc_mcl.robot.geometry import FloatArray, angle_difference
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap

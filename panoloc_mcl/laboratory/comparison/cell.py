@@ -33,8 +33,8 @@ from panoloc_mcl.robot.observation import ObservationModel, VoteField, model_nam
 from panoloc_mcl.tools.config import RunConfig
 from panoloc_mcl.tools.datasets import Dataset, read_dataset, resolve_dataset
 from panoloc_mcl.tools.datasets import Sequence as Drive
+from panoloc_mcl.tools.datasets.references.thinning import thinned
 from panoloc_mcl.tools.datasets.splice import teleports_of
-from panoloc_mcl.tools.datasets.thinning import thinned
 from panoloc_mcl.tools.runs.map_cache import cached_map, cost_of_map
 from panoloc_mcl.tools.runs.pipeline import Task, check_task, localize, make_tasks
 from panoloc_mcl.tools.runs.source import source_digest

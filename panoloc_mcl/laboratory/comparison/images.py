@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.stats import bootstrap
 
 from panoloc_mcl.laboratory.comparison.runs import Runs
-from panoloc_mcl.laboratory.comparison.tables import METHOD, Entry
+from panoloc_mcl.laboratory.comparison.summaries.tables import METHOD, Entry
 from panoloc_mcl.robot.geometry import FloatArray
 from panoloc_mcl.tools.evaluation import wilson95
 from panoloc_mcl.tools.evaluation.tables import BLANK, interval, percent

@@ -19,7 +19,7 @@ from panoloc_mcl.robot.settings.validation import StrictModel, read_yaml, valida
 from panoloc_mcl.tools.config import Override, RunConfig, config_from_mapping
 from panoloc_mcl.tools.config.overrides import parse_overrides
 from panoloc_mcl.tools.datasets import Dataset
-from panoloc_mcl.tools.datasets.thinning import ALL, check_part
+from panoloc_mcl.tools.datasets.references.thinning import ALL, check_part
 from panoloc_mcl.tools.evaluation.record import group_of
 
 #: First line of a matrix: tells it from a run configuration.

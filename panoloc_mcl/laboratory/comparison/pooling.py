@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from panoloc_mcl.laboratory.comparison.runs import Failure, Runs
-from panoloc_mcl.laboratory.comparison.tables import CONDITION, METHOD, Entry, Row
+from panoloc_mcl.laboratory.comparison.summaries.tables import CONDITION, METHOD, Entry, Row
 from panoloc_mcl.robot.errors import ConfigError
 from panoloc_mcl.tools.evaluation import SequenceRecord, bootstrap95, evaluate
 

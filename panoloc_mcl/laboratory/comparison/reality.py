@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.laboratory.comparison.runs import Answers, Runs
-from panoloc_mcl.laboratory.comparison.tables import METHOD, Entry
+from panoloc_mcl.laboratory.comparison.summaries.tables import METHOD, Entry
 from panoloc_mcl.laboratory.corruptions import parse_recipe
 from panoloc_mcl.robot.geometry import FloatArray, angle_difference, wrap_angle
 from panoloc_mcl.tools.evaluation import SequenceRecord, evaluate

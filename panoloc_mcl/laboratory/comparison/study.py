@@ -12,11 +12,11 @@ from panoloc_mcl.laboratory.comparison.alone import report_of_images, rows_of_im
 from panoloc_mcl.laboratory.comparison.cell import Job, forget_data, make_job
 from panoloc_mcl.laboratory.comparison.engines import Engine, EngineError, InProcess
 from panoloc_mcl.laboratory.comparison.matrix import Cell, Matrix, cells_of_run, expand, is_matrix, matrix_from_mapping
-from panoloc_mcl.laboratory.comparison.plots import can_draw, draw_plots
 from panoloc_mcl.laboratory.comparison.pooling import Difference, Group, differences, groups_of
 from panoloc_mcl.laboratory.comparison.runs import Failure, Runs, read_runs, write_runs
-from panoloc_mcl.laboratory.comparison.summary import difference_rows, render_summary, versions
-from panoloc_mcl.laboratory.comparison.tables import (
+from panoloc_mcl.laboratory.comparison.summaries.plots import can_draw, draw_plots
+from panoloc_mcl.laboratory.comparison.summaries.summary import difference_rows, render_summary, versions
+from panoloc_mcl.laboratory.comparison.summaries.tables import (
     COLUMNS,
     COST_COLUMNS,
     Entry,

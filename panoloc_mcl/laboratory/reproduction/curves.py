@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from panoloc_mcl.laboratory.comparison.plots import draw_rates as draw_curve
-from panoloc_mcl.laboratory.comparison.plots import save_png
 from panoloc_mcl.laboratory.comparison.pooling import Group
 from panoloc_mcl.laboratory.comparison.study import Study
-from panoloc_mcl.laboratory.comparison.summary import rate
+from panoloc_mcl.laboratory.comparison.summaries.plots import draw_rates as draw_curve
+from panoloc_mcl.laboratory.comparison.summaries.plots import save_png
+from panoloc_mcl.laboratory.comparison.summaries.summary import rate
 from panoloc_mcl.tools.evaluation.tables import percent
 
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")

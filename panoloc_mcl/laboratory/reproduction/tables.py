@@ -11,7 +11,7 @@ import numpy as np
 
 from panoloc_mcl.laboratory.comparison.pooling import Group
 from panoloc_mcl.laboratory.comparison.study import Study
-from panoloc_mcl.laboratory.comparison.summary import rate
+from panoloc_mcl.laboratory.comparison.summaries.summary import rate
 from panoloc_mcl.laboratory.reproduction.methods import LIGHTS, PAPER
 from panoloc_mcl.laboratory.studies.light import PAPER_TABLE_1, metered
 from panoloc_mcl.robot.errors import ConfigError

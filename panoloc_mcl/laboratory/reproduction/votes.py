@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from panoloc_mcl.laboratory.comparison.plots import save_png
+from panoloc_mcl.laboratory.comparison.summaries.plots import save_png
 from panoloc_mcl.laboratory.reproduction.bench import Bench
 from panoloc_mcl.laboratory.studies.single_images import Frame
 from panoloc_mcl.robot.camera import Panorama

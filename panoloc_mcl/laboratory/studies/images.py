@@ -15,7 +15,7 @@ from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.references import References
 from panoloc_mcl.tools.config import RunConfig
 from panoloc_mcl.tools.datasets import read_dataset, resolve_dataset
-from panoloc_mcl.tools.datasets.thinning import thinned
+from panoloc_mcl.tools.datasets.references.thinning import thinned
 from panoloc_mcl.tools.evaluation.definitions import PASS_RADIUS_M
 from panoloc_mcl.tools.runs.map_cache import cached_map
 

@@ -86,7 +86,7 @@ def watched_run(config: RunConfig, args: argparse.Namespace) -> Outcome:
 def print_outcome(outcome: Outcome, config: RunConfig, *, as_json: bool) -> None:
     """The figures and last the path; or both as JSON."""
     from panoloc_mcl.tools.report import print_metrics, strict_json
-    from panoloc_mcl.tools.report.plotly_script import can_plot
+    from panoloc_mcl.tools.report.pages.plotly_script import can_plot
 
     if not can_plot():
         note('report.html has no player; pip install "panoloc-mcl[report]", then: panoloc evaluate RESULTS --write')

@@ -5,8 +5,8 @@ from panoloc_mcl.robot.references import References
 from panoloc_mcl.tools.datasets.check import check_dataset
 from panoloc_mcl.tools.datasets.dataset import Dataset, Sequence
 from panoloc_mcl.tools.datasets.embedded import EMBEDDED, resolve_dataset
-from panoloc_mcl.tools.datasets.from_map import keyframe_trajectory, write_map_as_dataset
 from panoloc_mcl.tools.datasets.reader import read_dataset
+from panoloc_mcl.tools.datasets.references.from_map import keyframe_trajectory, write_map_as_dataset
 from panoloc_mcl.tools.datasets.trajectory import Trajectory, read_tum, truth_at, write_tum
 from panoloc_mcl.tools.datasets.writer import DatasetWriter, copy_dataset
 

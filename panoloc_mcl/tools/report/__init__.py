@@ -1,6 +1,6 @@
 """Results folders, summaries and reports."""
 
-from panoloc_mcl.tools.report.html import render_report
+from panoloc_mcl.tools.report.pages.html import render_report
 from panoloc_mcl.tools.report.results.recorder import FrameRecorder
 from panoloc_mcl.tools.report.results.recording import Recording
 from panoloc_mcl.tools.report.results.renewal import rewrite_figures, same_metrics

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from panoloc_mcl.tools.report.facts import DEFINITIONS, facts, tables_of, title_of
-from panoloc_mcl.tools.report.rendering import template
+from panoloc_mcl.tools.report.pages.rendering import template
 
 
 def render_summary(metrics: Mapping[str, Any], run_info: Mapping[str, Any]) -> str:

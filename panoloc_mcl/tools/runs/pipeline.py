@@ -21,7 +21,7 @@ from panoloc_mcl.tools.config import RunConfig
 from panoloc_mcl.tools.conventions import drive_findings, stamp_findings
 from panoloc_mcl.tools.datasets import Dataset, read_dataset, resolve_dataset, truth_at
 from panoloc_mcl.tools.datasets import Sequence as Drive
-from panoloc_mcl.tools.datasets.from_drive import references_from
+from panoloc_mcl.tools.datasets.references.from_drive import references_from
 from panoloc_mcl.tools.datasets.splice import splice, teleports_of
 from panoloc_mcl.tools.evaluation import SequenceRecord, evaluate
 from panoloc_mcl.tools.report import FrameRecorder, ResultsWriter, render_report, render_summary

@@ -4,7 +4,7 @@ import pytest
 from panoloc_mcl.laboratory.comparison.matrix import matrix_from_mapping
 from panoloc_mcl.laboratory.comparison.runs import Failure, Runs
 from panoloc_mcl.laboratory.comparison.study import plan_of_matrix
-from panoloc_mcl.laboratory.comparison.tables import Entry
+from panoloc_mcl.laboratory.comparison.summaries.tables import Entry
 from panoloc_mcl.robot.files import CACHE_VARIABLE
 from panoloc_mcl.tools.evaluation import SequenceRecord
 

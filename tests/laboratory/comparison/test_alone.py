@@ -9,7 +9,7 @@ from panoloc_mcl.laboratory.comparison.alone import median95, report_of_images, 
 from panoloc_mcl.laboratory.comparison.matrix import matrix_from_mapping
 from panoloc_mcl.laboratory.comparison.runs import Answers, Failure, MapCost, Runs, read_runs, write_runs
 from panoloc_mcl.laboratory.comparison.study import compare, plan_of_matrix
-from panoloc_mcl.laboratory.comparison.tables import Entry
+from panoloc_mcl.laboratory.comparison.summaries.tables import Entry
 from panoloc_mcl.robot.errors import ConfigError
 from panoloc_mcl.tools.evaluation import SequenceRecord
 

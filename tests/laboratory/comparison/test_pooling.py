@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from panoloc_mcl.laboratory.comparison.pooling import differences, groups_of
-from panoloc_mcl.laboratory.comparison.tables import rows_of
+from panoloc_mcl.laboratory.comparison.summaries.tables import rows_of
 from panoloc_mcl.tools.evaluation import bootstrap95
 
 

@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from panoloc_mcl.laboratory.comparison.plots import draw_imperfections
 from panoloc_mcl.laboratory.comparison.pooling import groups_of
 from panoloc_mcl.laboratory.comparison.reality import HEADS, Watched, aligned, has_imperfections, imperfections
 from panoloc_mcl.laboratory.comparison.runs import Answers, Runs
+from panoloc_mcl.laboratory.comparison.summaries.plots import draw_imperfections
 from panoloc_mcl.robot.geometry import compose
 
 

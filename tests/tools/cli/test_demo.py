@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from panoloc_mcl.tools.report import figures, plotly_script, read_results
+from panoloc_mcl.tools.report import figures, read_results
+from panoloc_mcl.tools.report.pages import plotly_script
 
 needs_pictures = pytest.mark.skipif(
     not (figures.can_draw() and plotly_script.can_plot()), reason="matplotlib or plotly is not installed"

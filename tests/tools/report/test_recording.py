@@ -6,7 +6,7 @@ import pytest
 from panoloc_mcl.robot.errors import OutputError, ResultsError
 from panoloc_mcl.tools.config import config_from_mapping
 from panoloc_mcl.tools.report import FrameRecorder
-from panoloc_mcl.tools.report.page import grid_of, run_data
+from panoloc_mcl.tools.report.pages.page import grid_of, run_data
 from panoloc_mcl.tools.report.results.recording import Recording, thinned
 from panoloc_mcl.tools.report.sinks import NullSink, Scene, Sinks
 from panoloc_mcl.tools.runs.map_cache import cached_map

@@ -29,8 +29,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> Report:
     """Run everything and make the tables."""
-    from panoloc_mcl.laboratory.studies.conditions import chosen
-    from panoloc_mcl.laboratory.studies.filter import study
+    from panoloc_mcl.laboratory.studies.filtering.conditions import chosen
+    from panoloc_mcl.laboratory.studies.filtering.filter import study
     from panoloc_mcl.tools.cli.monitor import monitor
     from panoloc_mcl.tools.config import Override
 

@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> Report:
     """Damage and read."""
-    from panoloc_mcl.laboratory.studies.fuzz import study
+    from panoloc_mcl.laboratory.studies.robustness.fuzz import study
     from panoloc_mcl.tools.cli.monitor import monitor
 
     with monitor() as watching:

@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> Report:
     """Kill and look."""
-    from panoloc_mcl.laboratory.studies.kills import study
+    from panoloc_mcl.laboratory.studies.robustness.kills import study
     from panoloc_mcl.tools.cli.monitor import monitor
 
     with monitor() as watching:

@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> Report:
     """Drive with faults."""
-    from panoloc_mcl.laboratory.studies.soak import study
+    from panoloc_mcl.laboratory.studies.robustness.soak import study
     from panoloc_mcl.tools.cli.monitor import monitor
 
     with monitor() as watching:

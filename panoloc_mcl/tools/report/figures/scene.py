@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from panoloc_mcl.robot.geometry import FloatArray
 from panoloc_mcl.tools.evaluation import SequenceRecord
 from panoloc_mcl.tools.report.highlights import metres
-from panoloc_mcl.tools.report.page import grid_of
+from panoloc_mcl.tools.report.pages.page import grid_of
 from panoloc_mcl.tools.report.results import layout
 from panoloc_mcl.tools.report.results.recording import Recording
 from panoloc_mcl.tools.report.results.results_reader import Results

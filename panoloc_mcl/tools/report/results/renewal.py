@@ -9,7 +9,7 @@ from typing import Any
 from panoloc_mcl.robot.errors import OutputError, ResultsError
 from panoloc_mcl.robot.files import write_atomically
 from panoloc_mcl.tools.report.results import layout
-from panoloc_mcl.tools.report.html import render_report
+from panoloc_mcl.tools.report.pages.html import render_report
 from panoloc_mcl.tools.report.results.results_folder import strict_json
 from panoloc_mcl.tools.report.results.results_reader import Results
 from panoloc_mcl.tools.report.summary import render_summary

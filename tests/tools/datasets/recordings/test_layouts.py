@@ -13,8 +13,8 @@ from panoloc_mcl.robot.images import read_image
 from panoloc_mcl.tools.cli.main import main
 from panoloc_mcl.tools.config.recording import RecordingSettings
 from panoloc_mcl.tools.datasets import Dataset, Sequence, read_dataset
-from panoloc_mcl.tools.datasets.from_drive import references_from
 from panoloc_mcl.tools.datasets.recordings import read_recording, sequence_of
+from panoloc_mcl.tools.datasets.references.from_drive import references_from
 
 
 @pytest.fixture(scope="module")

@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 
 from panoloc_mcl.laboratory.reports import Report
-from panoloc_mcl.laboratory.studies.fuzz.inputs import Input, originals
-from panoloc_mcl.laboratory.studies.fuzz.mutations import mutated
+from panoloc_mcl.laboratory.studies.robustness.fuzz.inputs import Input, originals
+from panoloc_mcl.laboratory.studies.robustness.fuzz.mutations import mutated
 from panoloc_mcl.robot.errors import PanolocError
 from panoloc_mcl.robot.progress import Progress, no_progress
 

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.laboratory.reports import Report
-from panoloc_mcl.laboratory.studies.soak.remembered import RememberedModel
-from panoloc_mcl.laboratory.studies.soak.world import World
+from panoloc_mcl.laboratory.studies.robustness.soak.remembered import RememberedModel
+from panoloc_mcl.laboratory.studies.robustness.soak.world import World
 from panoloc_mcl.robot.filters import Estimate, Status
 from panoloc_mcl.robot.geometry import angle_difference
 from panoloc_mcl.robot.localizer import Localizer

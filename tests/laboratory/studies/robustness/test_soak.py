@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from panoloc_mcl.laboratory.studies import soak as harness
-from panoloc_mcl.laboratory.studies.soak import IMAGE_FAULTS, Findings, soak, study
-from panoloc_mcl.laboratory.studies.soak.remembered import RememberedModel
+from panoloc_mcl.laboratory.studies.robustness import soak as harness
+from panoloc_mcl.laboratory.studies.robustness.soak import IMAGE_FAULTS, Findings, soak, study
+from panoloc_mcl.laboratory.studies.robustness.soak.remembered import RememberedModel
 from panoloc_mcl.robot.camera import Panorama
 from panoloc_mcl.robot.filters import Status
 from panoloc_mcl.robot.localizer import Localizer

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from panoloc_mcl.laboratory.reports import Report
-from panoloc_mcl.laboratory.studies.conditions import CONDITIONS, Condition, disturbed, trips
-from panoloc_mcl.laboratory.studies.filter_tables import Trip, tables
-from panoloc_mcl.laboratory.studies.kidnaps import Turned
+from panoloc_mcl.laboratory.studies.filtering.conditions import CONDITIONS, Condition, disturbed, trips
+from panoloc_mcl.laboratory.studies.filtering.filter_tables import Trip, tables
+from panoloc_mcl.laboratory.studies.filtering.kidnaps import Turned
 from panoloc_mcl.robot.camera import Panorama
 from panoloc_mcl.robot.errors import DatasetError
 from panoloc_mcl.robot.filters import Estimate

@@ -6,7 +6,7 @@ import pytest
 
 from panoloc_mcl.robot.errors import ConfigError
 from panoloc_mcl.tools.datasets import read_dataset
-from panoloc_mcl.tools.datasets.thinning import thinned
+from panoloc_mcl.tools.datasets.references.thinning import thinned
 
 HALL = Path(__file__).parents[4] / "shared" / "data" / "hall"
 

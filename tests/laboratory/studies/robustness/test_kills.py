@@ -2,7 +2,7 @@ import json
 
 import pytest
 
-from panoloc_mcl.laboratory.studies.kills import damaged, study
+from panoloc_mcl.laboratory.studies.robustness.kills import damaged, study
 
 
 def test_files_that_are_not_whole_are_found(tmp_path):

@@ -7,7 +7,15 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.laboratory.studies.soak.faults import CLOCK, FROZEN, IMAGE_FAULTS, KIDNAP, ODOMETRY_FAULTS, STAMP_FAULTS, Image
+from panoloc_mcl.laboratory.studies.robustness.soak.faults import (
+    CLOCK,
+    FROZEN,
+    IMAGE_FAULTS,
+    KIDNAP,
+    ODOMETRY_FAULTS,
+    STAMP_FAULTS,
+    Image,
+)
 from panoloc_mcl.robot.filters import Estimate
 from panoloc_mcl.robot.geometry import between, compose
 from panoloc_mcl.robot.localizer import Localizer

@@ -15,11 +15,12 @@ from panoloc_mcl.robot.geometry import FloatArray
 from panoloc_mcl.tools.evaluation.definitions import GOOD_HEADING_DEG, GOOD_POSITION_M
 from panoloc_mcl.tools.evaluation.record import SequenceRecord
 from panoloc_mcl.tools.evaluation.tables import metrics_table
-from panoloc_mcl.tools.report import figures, plotly_script
+from panoloc_mcl.tools.report import figures
 from panoloc_mcl.tools.report.facts import DEFINITIONS, facts, tables_of, title_of
 from panoloc_mcl.tools.report.highlights import highlights, lead
-from panoloc_mcl.tools.report.page import run_data
-from panoloc_mcl.tools.report.rendering import source, template
+from panoloc_mcl.tools.report.pages import plotly_script
+from panoloc_mcl.tools.report.pages.page import run_data
+from panoloc_mcl.tools.report.pages.rendering import source, template
 from panoloc_mcl.tools.report.selection import pictured
 
 #: Runs that get pictures; more make the file slow to open.

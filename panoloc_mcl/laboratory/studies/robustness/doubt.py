@@ -56,7 +56,7 @@ def _diagonal(at: Float64) -> NDArray[np.int64]:
 
 
 def _half(axis: int) -> Callable[[Float64], NDArray[np.int64]]:
-    return lambda at: np.flatnonzero(at[:, axis] <= np.median(at[:, axis]))
+    return lambda at: np.sort(np.argsort(at[:, axis], kind="stable")[: len(at) // 2])
 
 
 #: Which references the map has, by their positions (n, 2).

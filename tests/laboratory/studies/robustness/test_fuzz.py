@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from panoloc_mcl.laboratory.studies import fuzz as package
-from panoloc_mcl.laboratory.studies.fuzz import Input, fuzz, mutated, originals, study
+from panoloc_mcl.laboratory.studies.robustness import fuzz as package
+from panoloc_mcl.laboratory.studies.robustness.fuzz import Input, fuzz, mutated, originals, study
 from panoloc_mcl.robot.errors import PanolocError
 
-EXAMPLES = sorted((Path(__file__).parents[2] / "robot" / "camera" / "formats" / "examples").iterdir())
+EXAMPLES = sorted((Path(__file__).parents[3] / "robot" / "camera" / "formats" / "examples").iterdir())
 
 
 @given(st.binary(max_size=2000), st.binary(max_size=100), st.integers(0, 10_000))
@@ -61,7 +61,7 @@ def test_what_dies_raises_or_leaves_files_is_seen(monkeypatch, tmp_path: Path) -
         (folder / "a.txt").write_bytes(b"abcd" * 100 + b"wxyz")
         return [Input("dying", (Path("a.txt"),), lambda root, file: None if root == folder else _dies(root, file))]
 
-    monkeypatch.setattr(importlib.import_module("panoloc_mcl.laboratory.studies.fuzz.study"), "originals", two)
+    monkeypatch.setattr(importlib.import_module("panoloc_mcl.laboratory.studies.robustness.fuzz.study"), "originals", two)
     tally = fuzz(60, seed=0)["dying"]
     assert tally.inputs == 60
     assert tally.read + tally.refused + tally.failures.total() == 60

@@ -14,7 +14,7 @@ from panoloc_mcl import __version__
 from panoloc_mcl.laboratory.comparison.images import single_images
 from panoloc_mcl.laboratory.comparison.pooling import PAIRED, Difference, Group
 from panoloc_mcl.laboratory.comparison.reality import has_imperfections, imperfections
-from panoloc_mcl.laboratory.comparison.tables import Entry, Kind, Row
+from panoloc_mcl.laboratory.comparison.summaries.tables import Entry, Kind, Row
 from panoloc_mcl.tools.evaluation.tables import BLANK, interval, number, out_of, percent
 
 _WITHIN = "0.25m_2deg"

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from panoloc_mcl.laboratory.studies.kidnaps import Turned, kidnapped
+from panoloc_mcl.laboratory.studies.filtering.kidnaps import Turned, kidnapped
 from panoloc_mcl.robot.camera import Panorama
 from panoloc_mcl.robot.errors import DatasetError
 from panoloc_mcl.robot.geometry import angle_difference, between

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.laboratory.reports import Number, Rate, Report, Spread
-from panoloc_mcl.laboratory.studies.conditions import CONDITIONS
+from panoloc_mcl.laboratory.studies.filtering.conditions import CONDITIONS
 from panoloc_mcl.tools.evaluation import SequenceRecord, evaluate, wilson95
 from panoloc_mcl.tools.evaluation.definitions import MIN_FRAMES_TO_END, is_bad, is_good, is_within
 from panoloc_mcl.tools.evaluation.events import RunEvents, find_events

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from panoloc_mcl.laboratory.studies import conditions
-from panoloc_mcl.laboratory.studies.conditions import CONDITIONS, disturbed, noisier
-from panoloc_mcl.laboratory.studies.filter import Remembering
-from panoloc_mcl.laboratory.studies.filter_tables import Trip, tables
+from panoloc_mcl.laboratory.studies.filtering import conditions
+from panoloc_mcl.laboratory.studies.filtering.conditions import CONDITIONS, disturbed, noisier
+from panoloc_mcl.laboratory.studies.filtering.filter import Remembering
+from panoloc_mcl.laboratory.studies.filtering.filter_tables import Trip, tables
 from panoloc_mcl.robot.geometry import between
 from panoloc_mcl.robot.observation.field import at_headings
 from panoloc_mcl.tools.config import RunConfig

@@ -22,7 +22,7 @@ def execute(args: argparse.Namespace) -> int:
     """Update and save; print what was done, and last the path."""
     from panoloc_mcl.robot.map.panorama_map import PanoramaMap
     from panoloc_mcl.robot.map.updating import update_map
-    from panoloc_mcl.tools.cli.build_map import report
+    from panoloc_mcl.tools.cli.maps.build_map import report
     from panoloc_mcl.tools.cli.monitor import monitor
     from panoloc_mcl.tools.config import Override, config_from_mapping
     from panoloc_mcl.tools.datasets import read_dataset, resolve_dataset

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.laboratory.studies.kidnaps import kidnapped
+from panoloc_mcl.laboratory.studies.filtering.kidnaps import kidnapped
 from panoloc_mcl.robot.errors import ConfigError, did_you_mean
 from panoloc_mcl.robot.geometry import between, compose
 from panoloc_mcl.robot.images import ImageSource

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from oracles.furnished_room import build_room
 
-from panoloc_mcl.laboratory.studies.doubt import FOREIGN, PARTS, STREAMS, study
+from panoloc_mcl.laboratory.studies.robustness.doubt import FOREIGN, PARTS, STREAMS, study
 from panoloc_mcl.robot.camera import PanoramaGeometry
 from panoloc_mcl.robot.filters import Status
 from panoloc_mcl.robot.localizer import Localizer

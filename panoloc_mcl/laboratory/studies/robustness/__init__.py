@@ -1,0 +1,1 @@
+"""Faults, kills, damaged files, and places where nobody can know."""

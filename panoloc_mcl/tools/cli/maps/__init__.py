@@ -1,0 +1,1 @@
+"""Commands that build maps, update them and export them."""
