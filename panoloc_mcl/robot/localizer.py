@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -15,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from panoloc_mcl.robot.camera import Camera, Unwrapper
 from panoloc_mcl.robot.errors import ImageError
 from panoloc_mcl.robot.filters import Estimate, Status
-from panoloc_mcl.robot.filters.estimate import Cluster
+from panoloc_mcl.robot.interface.answers import tells_more
 from panoloc_mcl.robot.interface.messages import Image, Message, Odometry
 from panoloc_mcl.robot.interface.mounting_tilt import MountingTilt
 from panoloc_mcl.robot.interface.saved_state import SavedState
@@ -27,6 +25,7 @@ from panoloc_mcl.robot.motion.pace import Pace, paced
 from panoloc_mcl.robot.observation import ObservationModel, Places, VoteField
 from panoloc_mcl.robot.observation.field import Guess, silent_field
 from panoloc_mcl.robot.observation.tracking import Expected, TrackingModel
+from panoloc_mcl.robot.progress import timed
 from panoloc_mcl.robot.reasons import Finding, Reason
 from panoloc_mcl.robot.settings.config import LocalizerConfig
 from panoloc_mcl.robot.single_blas import one_blas_thread
@@ -179,13 +178,13 @@ class Localizer(SavedState):
             self._gated += 1
             return None
         with one_blas_thread():
-            with _timed(stage_ms, "predict"):
+            with timed(stage_ms, "predict"):
                 self._filter.propagate(motion)
                 headings = self._filter.heading_hypotheses(offset)
-            with _timed(stage_ms, "observe"):
+            with timed(stage_ms, "observe"):
                 expected = None if headings is not None or offset is not None else self._expected()
                 votes, found = self._observe(image, headings, expected, motion.distance)
-            with _timed(stage_ms, "update"):
+            with timed(stage_ms, "update"):
                 self._filter.update(votes, offset)
             self._learn_tilt(votes, motion)
             self._clock.fuse(timestamp)
@@ -296,7 +295,7 @@ class Localizer(SavedState):
     def _estimate(
         self, findings: list[Finding], votes: VoteField | None, stage_ms: dict[str, float], late: bool = False
     ) -> Estimate:
-        with _timed(stage_ms, "estimate"):
+        with timed(stage_ms, "estimate"):
             of_camera = self._filter.state()
             state = of_camera.of_point(-self._mount.offset)
         best, now = state.clusters[0], self._clock.now
@@ -311,7 +310,7 @@ class Localizer(SavedState):
         reasons = dict.fromkeys(finding.reason for finding in found if finding.reason is not None)
         guess = None if votes is None else self._guess(votes)
         pose = best.pose
-        if guess is not None and not late and status in _UNDECIDED and _tells_more(guess, best, first=self._images == 1):
+        if guess is not None and not late and status in _UNDECIDED and tells_more(guess, best, first=self._images == 1):
             pose = guess.pose
         return Estimate(
             timestamp=math.nan if now is None else now,
@@ -345,18 +344,3 @@ class Localizer(SavedState):
                 back, looped = "set back" in event, "again" in event
                 kind = Reason.CLOCK_SET_BACK if back else Reason.STREAM_LOOPED if looped else Reason.CLOCK_JUMPED
                 yield Finding(f"odometry: {event}", None if "origin" in event else kind)
-
-
-@contextmanager
-def _timed(stage_ms: dict[str, float], stage: str) -> Iterator[None]:
-    begin = time.perf_counter()
-    try:
-        yield
-    finally:
-        stage_ms[stage] = 1e3 * (time.perf_counter() - begin)
-
-
-def _tells_more(guess: Guess, best: Cluster, first: bool) -> bool:
-    """Whether an image points elsewhere than the heaviest hypothesis, and more surely; of a first image all rests on it alone."""
-    away = math.hypot(*(guess.pose - best.pose)[:2]) > 2.0 * best.spread_m
-    return away and (first or guess.probability > best.mass)

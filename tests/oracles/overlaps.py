@@ -33,3 +33,10 @@ def by_pixels(z, usable, places_z, places_usable):
         for k, (place, place_usable) in enumerate(zip(places_z, places_usable, strict=True)):
             out[turn, k] = np.linalg.norm(back[place_usable]) * np.linalg.norm(place[back_usable])
     return out
+
+
+def between_blocks(norms: np.ndarray, columns: int) -> np.ndarray:
+    """Norms at turns by whole blocks (blocks, k) -> at turns by every column (columns, k), linear in between, around the circle."""
+    blocks = len(norms)
+    at, closed = np.arange(columns) * blocks / columns, np.vstack([norms, norms[:1]])
+    return np.stack([np.interp(at, np.arange(blocks + 1), of_place) for of_place in closed.T], axis=1)

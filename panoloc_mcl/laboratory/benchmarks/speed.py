@@ -7,6 +7,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import count
 from typing import Any
@@ -18,6 +19,7 @@ from panoloc_mcl.laboratory.reports import Number, Ratio, Report
 from panoloc_mcl.laboratory.timing import in_a_process, interleaved, matrix_product, template_matching
 from panoloc_mcl.robot.camera import Unwrapper
 from panoloc_mcl.robot.filters import Estimate
+from panoloc_mcl.robot.interface.messages import Image, Odometry
 from panoloc_mcl.robot.localizer import Localizer
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.observation import ObservationModel
@@ -25,6 +27,7 @@ from panoloc_mcl.tools.config import RunConfig, config_from_mapping
 from panoloc_mcl.tools.datasets import Sequence as Drive
 from panoloc_mcl.tools.datasets import read_dataset, read_image, resolve_dataset
 from panoloc_mcl.tools.runs.map_cache import cached_map
+from panoloc_mcl.tools.streams import recorded
 
 VARIANTS: dict[str, dict[str, Any]] = {
     "without virtual places": {"virtual_places": {"enabled": False}},
@@ -94,15 +97,22 @@ def localizer_step(
 
 def along_a_drive(panorama_map: PanoramaMap, config: RunConfig, drive: Drive) -> Callable[[], Estimate | None]:
     """The next image of a drive from pixels to pose, with its odometry; the first ones, which find the pose, are taken at once."""
-    localizer = Localizer(panorama_map, config)
-    if drive.odometry is not None:
-        for when, pose in zip(drive.odometry.times, drive.odometry.poses, strict=True):
-            localizer.add_odometry(float(when), pose)
-    images = iter([(when, read_image(file)) for when, file in zip(drive.times, drive.files, strict=True)][:_ALONG])
+    localizer = Localizer(panorama_map, config, camera=drive.camera, image_size=drive.image_size)
+    # In the order of time: a localizer keeps no more odometry than late images need. Images are read before the clock runs.
+    messages = iter(
+        [
+            replace(message, source=read_image(drive.files[message.index])) if isinstance(message, Image) else message
+            for message in recorded(drive)
+            if isinstance(message, Odometry | Image) and message.timestamp <= drive.times[min(_ALONG, len(drive)) - 1]
+        ]
+    )
 
     def step() -> Estimate | None:
-        when, image = next(images)
-        return localizer.add_image(float(when), image)
+        for message in messages:
+            estimate = localizer.add(message)
+            if isinstance(message, Image):
+                return estimate
+        return None
 
     for _ in range(_FIRST):
         step()

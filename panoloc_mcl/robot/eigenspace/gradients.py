@@ -99,3 +99,18 @@ def orientations(panorama: Panorama, settings: VotesSettings) -> tuple[Complex64
         length = np.sqrt(energy / max(int(usable.sum()), 1))
         return z * np.float32(1.0 / (length + settings.contrast_floor)), usable
     return normalised_gradients(grey, bad, margin, settings.contrast_floor, settings.gradient == "doubled_angle"), usable
+
+
+def useless(panorama: Panorama, z: Complex64, usable: Bool, settings: VotesSettings) -> str:
+    """Why a panorama, with its gradients and where they are usable, says nothing; empty where it does."""
+    visible = float(usable.mean())
+    if visible < settings.min_visible:
+        brightness = float(np.median(panorama.pixels))
+        if brightness <= settings.mask_dark:
+            what = "image is black"
+        elif brightness >= settings.mask_bright:
+            what = "image is saturated"
+        else:
+            what = "image is mostly masked"
+        return f"{what}: {100.0 * visible:.0f} % of its pixels are usable"
+    return "" if float(np.mean(z.real * z.real + z.imag * z.imag)) >= 1e-3 else "image has no texture"

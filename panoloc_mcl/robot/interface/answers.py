@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from panoloc_mcl.robot.camera import Mount
 from panoloc_mcl.robot.filters import Cluster, Status
 from panoloc_mcl.robot.observation import VoteField
+from panoloc_mcl.robot.observation.field import Guess
 
 Float64 = NDArray[np.float64]
 
@@ -79,3 +81,9 @@ def located(votes: VoteField, map_revision: str, mount: Mount) -> Location:
         covariance = np.diag(np.array([places.spacing, places.spacing, step]) ** 2 / 12.0)
     of_base = Cluster(pose, covariance, 1.0).of_point(-mount.offset)
     return Location(of_base.pose, of_base.covariance, votes.confidence, votes.problem, map_revision, votes)
+
+
+def tells_more(guess: Guess, best: Cluster, first: bool) -> bool:
+    """Whether an image points elsewhere than the heaviest hypothesis, and more surely; of a first image all rests on it alone."""
+    away = math.hypot(*(guess.pose - best.pose)[:2]) > 2.0 * best.spread_m
+    return away and (first or guess.probability > best.mass)

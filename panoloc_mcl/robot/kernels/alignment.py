@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.robot.kernels.jit import kernel
+from panoloc_mcl.robot.kernels.jit import kernel, vector_kernel
 
 Float64 = NDArray[np.float64]
 Complex64 = NDArray[np.complex64]
 Bool = NDArray[np.bool_]
 
 
-@kernel
+@vector_kernel
 def column_products(
     view: Complex64,
     view_usable: Bool,
@@ -52,18 +52,16 @@ def column_products(
         squared norms.
     """
     rows, columns = view.shape
-    sums = np.zeros((24, columns))
-    nearness = np.empty(columns, dtype=np.float32)
-    wall = 1.0 / profile
-    a_re, a_im = np.empty(columns, dtype=np.float32), np.empty(columns, dtype=np.float32)
-    aa, ab, bb = np.empty(columns, dtype=np.float32), np.empty(columns, dtype=np.float32), np.empty(columns, dtype=np.float32)
-    ae, be = np.empty(columns, dtype=np.float32), np.empty(columns, dtype=np.float32)
-    quarter = np.float32(0.25)
+    # A few hundred rows at most are summed, so single precision is enough, and twice as many are worked out at once.
+    sums = np.zeros((24, columns), dtype=np.float32)
+    wall = (1.0 / profile).astype(np.float32)
+    row = np.empty((8, columns), dtype=np.float32)
+    nearness, a_re, a_im, aa, ab, bb, ae, be = row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7]
+    quarter, one = np.float32(0.25), np.float32(1.0)
     for r in range(1, rows - 1, every):
         # Half the sine of twice the elevation: what a step towards a point changes in its elevation, times its distance.
-        tangent = tangents[r]
-        lift = tangent / (1.0 + tangent * tangent)
-        ground = 1.0 / floor[r]
+        tangent, ground = np.float32(tangents[r]), np.float32(1.0 / floor[r])
+        lift = tangent / (one + tangent * tangent)
         v, q, vu, qu = view[r], query[r], view_usable[r], query_usable[r]
         v_above, v_below, q_above, q_below = view[r - 1], view[r + 1], query[r - 1], query[r + 1]
         # Loops over few arrays each, without branches: only such ones are vectorised.
@@ -74,63 +72,57 @@ def column_products(
             left, right = (c - 1) % columns, (c + 1) % columns
             across = v[right] - v[left] + q[right] - q[left]
             a_re[c], a_im[c] = quarter * across.real, quarter * across.imag
+        s20, s21, s22, s23 = sums[20], sums[21], sums[22], sums[23]
         for c in range(columns):
-            both = np.float32(vu[c] and qu[c])
+            both = np.float32(vu[c] & qu[c])
             down = v_below[c] - v_above[c] + q_below[c] - q_above[c]
             b_re, b_im = quarter * down.real, quarter * down.imag
             error = q[c] - v[c]
-            aa[c] = both * (a_re[c] * a_re[c] + a_im[c] * a_im[c])
-            ab[c] = both * (a_re[c] * b_re + a_im[c] * b_im)
-            bb[c] = both * (b_re * b_re + b_im * b_im)
-            ae[c] = both * (a_re[c] * error.real + a_im[c] * error.imag)
-            be[c] = both * (b_re * error.real + b_im * error.imag)
-        for c in range(columns):
+            across_re, across_im, down_re, down_im = both * a_re[c], both * a_im[c], both * b_re, both * b_im
+            aa[c] = across_re * a_re[c] + across_im * a_im[c]
+            ab[c] = across_re * b_re + across_im * b_im
+            bb[c] = down_re * b_re + down_im * b_im
+            ae[c] = across_re * error.real + across_im * error.imag
+            be[c] = down_re * error.real + down_im * error.imag
             nearness[c] = max(wall[c], ground)
-        s0, s1, s2 = sums[0], sums[1], sums[2]
+            s20[c] += both
         for c in range(columns):
-            near = nearness[c] * aa[c]
+            both = np.float32(vu[c] & qu[c])
+            s21[c] += both * (q[c].real * v[c].real + q[c].imag * v[c].imag)
+            s22[c] += both * (q[c].real * q[c].real + q[c].imag * q[c].imag)
+            s23[c] += both * (v[c].real * v[c].real + v[c].imag * v[c].imag)
+        s0, s1, s2, s14, s15, s16 = sums[0], sums[1], sums[2], sums[14], sums[15], sums[16]
+        for c in range(columns):
+            near, leaning = nearness[c] * aa[c], tangent * aa[c]
             s0[c] += near * nearness[c]
             s1[c] += near
             s2[c] += aa[c]
-        s3, s4, s5, s6 = sums[3], sums[4], sums[5], sums[6]
+            s14[c] += nearness[c] * leaning
+            s15[c] += leaning
+            s16[c] += tangent * leaning
+        s3, s4, s5, s6, s17, s18 = sums[3], sums[4], sums[5], sums[6], sums[17], sums[18]
         for c in range(columns):
-            near = nearness[c] * ab[c]
+            near, leaning = nearness[c] * ab[c], tangent * ab[c]
             s3[c] += lift * near * nearness[c]
             s4[c] += lift * near
             s5[c] += near
             s6[c] += ab[c]
+            s17[c] += lift * nearness[c] * leaning
+            s18[c] += leaning
         s7, s8, s9 = sums[7], sums[8], sums[9]
         for c in range(columns):
             near = lift * nearness[c] * bb[c]
             s7[c] += lift * nearness[c] * near
             s8[c] += near
             s9[c] += bb[c]
-        s10, s11, s12, s13 = sums[10], sums[11], sums[12], sums[13]
+        s10, s11, s12, s13, s19 = sums[10], sums[11], sums[12], sums[13], sums[19]
         for c in range(columns):
             s10[c] += nearness[c] * ae[c]
             s11[c] += ae[c]
             s12[c] += lift * nearness[c] * be[c]
             s13[c] += be[c]
-        s14, s15, s16 = sums[14], sums[15], sums[16]
-        for c in range(columns):
-            leaning = tangent * aa[c]
-            s14[c] += nearness[c] * leaning
-            s15[c] += leaning
-            s16[c] += tangent * leaning
-        s17, s18, s19 = sums[17], sums[18], sums[19]
-        for c in range(columns):
-            leaning = tangent * ab[c]
-            s17[c] += lift * nearness[c] * leaning
-            s18[c] += leaning
             s19[c] += tangent * ae[c]
-        s20, s21, s22, s23 = sums[20], sums[21], sums[22], sums[23]
-        for c in range(columns):
-            both = np.float32(vu[c] and qu[c])
-            s20[c] += both
-            s21[c] += both * (q[c].real * v[c].real + q[c].imag * v[c].imag)
-            s22[c] += both * (q[c].real * q[c].real + q[c].imag * q[c].imag)
-            s23[c] += both * (v[c].real * v[c].real + v[c].imag * v[c].imag)
-    return sums
+    return sums.astype(np.float64)
 
 
 @kernel

@@ -32,6 +32,12 @@ _LOG2_E = np.float32(1.0 / np.log(2.0))
 # Ln 2 in two parts: whole multiples of the first are exact.
 _LN2_HIGH, _LN2_LOW = np.float32(0.693359375), np.float32(-2.12194440e-4)
 _LEAST_EXPONENT, _NOTHING = np.float32(-87.0), np.float32(0.0)
+# Of arctan(t) = t P(t^2) on [0, 1], by iteratively reweighted least squares.
+_ARCTANGENT = (
+    np.float32(9.9999933557e-1), np.float32(-3.3329860750e-1), np.float32(1.9946565253e-1), np.float32(-1.3908627540e-1),
+    np.float32(9.6421921481e-2), np.float32(-5.5912255611e-2), np.float32(2.1862908263e-2), np.float32(-4.0545534169e-3),
+)  # fmt: skip
+_PI, _HALF_PI, _TINY = np.float32(np.pi), np.float32(0.5 * np.pi), np.float32(1e-30)
 
 
 @inlined
@@ -76,3 +82,18 @@ def exponential(x: np.float32) -> np.float32:
         p = p * r + _EXPONENTIAL[k]
     power = np.int32(np.int32(np.int32(e) + np.int32(127)) << np.int32(23)).view(np.float32)
     return _NOTHING if small else (p * (r * r) + r + _ONE) * power
+
+
+@inlined
+def arctan2(y: np.float32, x: np.float32) -> np.float32:
+    """Angle of a vector, float32, within 5e-7 radians; vectors shorter than 1e-30 have none."""
+    ax, ay = abs(x), abs(y)
+    ratio = min(ax, ay) / max(max(ax, ay), _TINY)
+    q = ratio * ratio
+    angle = _ARCTANGENT[7]
+    for k in range(6, -1, -1):
+        angle = angle * q + _ARCTANGENT[k]
+    angle *= ratio
+    angle = _HALF_PI - angle if ay > ax else angle
+    angle = _PI - angle if x < _NOTHING else angle
+    return -angle if y < _NOTHING else angle

@@ -115,6 +115,9 @@ def _normal_equations() -> tuple[Any, ...]:
 
 #: By ``module.kernel``: the arguments of one call.
 EXAMPLES: dict[str, Callable[[], tuple[Any, ...]]] = {
+    "correlations.spectra_product": lambda: (*np.ones((2, 3, 4, 5), np.float32), np.ones((3, 4), np.complex64)),
+    "correlations.to_votes": lambda: (_matrix(), np.ones((2, 4), dtype=np.float32), 0.7),
+    "elementary.arctan2": lambda: (np.float32(0.5), np.float32(-0.5)),
     "elementary.exponential": lambda: (np.float32(0.5),),
     "elementary.logarithm": lambda: (np.float32(0.5),),
     "elementary.sine_cosine": lambda: (np.uint64(5),),
@@ -162,10 +165,10 @@ EXAMPLES: dict[str, Callable[[], tuple[Any, ...]]] = {
     "voting.take_rows": lambda: (_matrix(), _numbers(8), _integers(2), _matrix()),
     "voting.trimmed_coefficients": _trimmed_coefficients,
     "voting.vote": _vote,
-    "warping.arctan2": lambda: (0.5, -0.5),
     "warping.column_agreement": _column_agreement,
     "alignment.column_products": _column_products,
     "warping.turned_table": _turned_table,
+    "warping.features_of_planes": lambda: (np.ones((3, 8, 4), dtype=np.float32),),
     "warping.move_profile": _move_profile,
     "alignment.normal_equations": _normal_equations,
     "alignment.sector_pulls": lambda: (*_normal_equations(), 4),

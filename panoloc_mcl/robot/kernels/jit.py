@@ -2,8 +2,8 @@
 
 Kernels are compiled at their first call, never at import, and cached on disk. ``error_model="numpy"`` lets a division by zero give
 infinity as in NumPy. No kernel may reorder sums or take NaN for impossible (``fastmath``), so NaN checks hold. What works on every
-particle is declared a `vector_kernel`: there alone a product and a sum may be rounded once instead of twice (``contract``), and
-the sign of zero is free (``nsz``), which makes polynomials a third faster and never less exact. Kernels release the interpreter's
+particle or pixel is declared a `vector_kernel`: there alone a product and a sum may be rounded once instead of twice (``contract``),
+and the sign of zero is free (``nsz``), which makes polynomials a third faster and never less exact. Kernels release the interpreter's
 lock, so threads are those of Python (`panoloc_mcl.robot.filters.particles.blocks`).
 """
 
@@ -37,7 +37,7 @@ def kernel(function: Function) -> Function:
 
 
 def vector_kernel(function: Function) -> Function:
-    """As `kernel`, for loops over particles that the compiler turns into vector instructions; see above for what it may round."""
+    """As `kernel`, for loops that the compiler turns into vector instructions; see above for what it may round."""
     return _compiled(function, {**_OPTIONS, **_FUSED})
 
 

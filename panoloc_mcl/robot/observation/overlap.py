@@ -60,9 +60,9 @@ class OverlapNorms:
         self._energy_total = energy.sum(axis=(1, 2))
 
     def of(self, z: Complex64, usable: Bool) -> Float32:
-        """Product of the image's and the places' norms over the overlap, float32 (columns of the image, k).
+        """Product of the image's and the places' norms over the overlap, float32 (block columns, k).
 
-        Entry (h, p) is for the image turned back by h columns.
+        Entry (b, p) is for the image turned back by b blocks; in between it is linear.
         """
         energy = block_energy(z)
         mine = self._correlation(energy, self._usable_spectra)
@@ -70,7 +70,8 @@ class OverlapNorms:
         # An overlap with less than a hundredth of the energy says nothing; it must not be blown up.
         np.maximum(mine, 0.01 * energy.sum(), out=mine)
         np.maximum(theirs, 0.01 * self._energy_total, out=theirs)
-        return _stretched(np.sqrt(mine * theirs), z.shape[1])
+        mine *= theirs
+        return np.sqrt(mine, out=mine)
 
     def _correlation(self, image: Float32, places: Complex64) -> Float32:
         spectrum = np.ascontiguousarray(fft.rfft(image, axis=1).T)
@@ -90,11 +91,3 @@ def _sums(image: Float32) -> Float32:
         np.linspace(0, size, count, endpoint=False).astype(np.int64) for size, count in zip(image.shape, counts, strict=True)
     ]
     return np.asarray(np.add.reduceat(np.add.reduceat(image, starts[0], axis=0), starts[1], axis=1), dtype=np.float32)
-
-
-def _stretched(coarse: Float32, count: int) -> Float32:
-    """Linear interpolation along the first axis, which is a circle, to ``count`` samples."""
-    position = np.arange(count) * (len(coarse) / count)
-    lower = position.astype(np.int64)
-    fraction = (position - lower).astype(np.float32)[:, None]
-    return np.asarray(coarse[lower] + fraction * (coarse[(lower + 1) % len(coarse)] - coarse[lower]), dtype=np.float32)

@@ -1,10 +1,8 @@
 """The default model: all headings at once in an eigenspace of locally normalised gradients.
 
-Turning the robot shifts the columns of its panorama, so the projections of the image at *all* headings on an eigenimage are one
-circular correlation along the rows: a product of spectra, summed over the rows, and one inverse FFT an eigenimage. The cosine
-between the image's and a place's coefficients (eq. 4 of the paper) follows for all headings by one matrix product. Its norms are
-those of the overlap of both images' usable pixels, so what is masked in either does not count, and the cosine becomes a vote by
-the paper's voting function (eq. 3).
+The cosine between the image's and a place's coefficients (eq. 4 of the paper) is worked out for all headings and places at once
+(`correlator`). Its norms are those of the overlap of both images' usable pixels, so what is masked in either does not count, and the
+cosine becomes a vote by the paper's voting function (eq. 3).
 """
 
 from __future__ import annotations
@@ -19,12 +17,13 @@ from scipy import fft
 from scipy.spatial import cKDTree
 
 from panoloc_mcl.robot.camera import Panorama
-from panoloc_mcl.robot.eigenspace.gradients import check_filter_size, orientations
+from panoloc_mcl.robot.eigenspace.gradients import check_filter_size, orientations, useless
 from panoloc_mcl.robot.eigenspace.pca import eigenspace_of
 from panoloc_mcl.robot.observation.base import Arrays
 from panoloc_mcl.robot.observation.calibration import Calibration, calibrate
+from panoloc_mcl.robot.observation.correlator import Correlator, frequencies_kept
 from panoloc_mcl.robot.observation.field import VoteField, at_headings, silent_field, vote_of_cosine
-from panoloc_mcl.robot.observation.overlap import OverlapNorms, block_energy, block_usable, squared_magnitude
+from panoloc_mcl.robot.observation.overlap import block_energy, block_usable
 from panoloc_mcl.robot.observation.places import Places
 from panoloc_mcl.robot.observation.scale import at_resolution, references_at, resolution_of
 from panoloc_mcl.robot.observation.sources import check_texture, places_between, sources_of
@@ -63,16 +62,8 @@ class VotesModel:
     ----------
     places : Places
     settings : VotesSettings
-    columns : int
-        Of a panorama: as many headings are voted on.
-    spectra : complex64 (frequencies, p, rows)
-        Conjugate row spectra of the eigenimages, frequency first, as far as ``bandwidth`` goes.
-    coefficients : complex64 (k, p)
-        Of the places.
-    energy : float32 (k, r, c)
-        Squared magnitude of the places' normalised gradients, summed over blocks of pixels.
-    usable : float32 (k, r, c)
-        Share of the pixels of each block that is not masked.
+    correlator : Correlator
+        What an image is compared with.
     kept : float
         Share of the places' energy that the eigenimages hold.
     synthesizer : ViewSynthesizer, optional
@@ -93,11 +84,7 @@ class VotesModel:
         self,
         places: Places,
         settings: VotesSettings,
-        columns: int,
-        spectra: Complex64,
-        coefficients: Complex64,
-        energy: Float32,
-        usable: Float32,
+        correlator: Correlator,
         kept: float,
         synthesizer: ViewSynthesizer | None = None,
         notes: tuple[str, ...] = (),
@@ -110,14 +97,9 @@ class VotesModel:
         self.notes = notes
         self.calibration = calibration
         self._used = used
-        self._spectra = spectra
-        self._coefficients = coefficients
-        self._norms = OverlapNorms(energy, usable)
-        # Re(conj(a) b) as one real product: [Re a, Im a] . [Re b, Im b].
-        self._coefficients_real = np.hstack([coefficients.real, coefficients.imag]).astype(np.float32)
-        self._frequencies = _frequencies(columns, settings.bandwidth)
-        self._shape = (spectra.shape[2], columns)
-        self._headings = 2.0 * np.pi * np.arange(columns) / columns
+        self._correlator = correlator
+        self._shape = correlator.real.shape[1], correlator.columns
+        self._headings = _around_the_circle(correlator.columns)
         self._synthesizer = synthesizer
         refines = synthesizer is not None and settings.refinement.enabled
         self._refiner = PoseRefiner(synthesizer, settings) if synthesizer is not None and refines else None
@@ -166,18 +148,14 @@ class VotesModel:
         energy = np.stack([energies[index] for index in range(len(places))])
         usable = np.stack([shares[index] for index in range(len(places))])
         energy *= (held / np.maximum(energy.sum(axis=(1, 2)), 1e-12))[:, None, None]
-        kept = _frequencies(columns, settings.bandwidth)
+        kept = frequencies_kept(columns, settings.bandwidth)
         spectra = np.empty((len(kept), len(eigenspace.eigenimages), rows), dtype=np.complex64)
         for index, eigenimage in enumerate(eigenspace.eigenimages):
             spectra[:, index, :] = fft.fft(eigenimage.reshape(rows, columns), axis=1).conj().T[kept]
         model = cls(
             places,
             settings,
-            columns,
-            spectra,
-            eigenspace.coefficients,
-            energy,
-            usable,
+            Correlator.of(spectra, eigenspace.coefficients, energy, usable, columns, settings.bandwidth),
             eigenspace.kept,
             synthesizer,
             notes,
@@ -205,11 +183,14 @@ class VotesModel:
         return cls(
             places_between(references, everywhere, settings, synthesizer),
             settings,
-            references.geometry.width,
-            arrays["spectra"],
-            arrays["coefficients"],
-            arrays["energy"],
-            arrays["usable"],
+            Correlator.of(
+                arrays["spectra"],
+                arrays["coefficients"],
+                arrays["energy"],
+                arrays["usable"],
+                references.geometry.width,
+                settings.bandwidth,
+            ),
             float(arrays["kept"][0]),
             synthesizer,
             calibration=Calibration.of_array(arrays["calibration"]) if "calibration" in arrays else None,
@@ -219,10 +200,10 @@ class VotesModel:
     def arrays(self) -> dict[str, NDArray[Any]]:
         """What a map file keeps."""
         kept: dict[str, NDArray[Any]] = {
-            "spectra": self._spectra,
-            "coefficients": self._coefficients,
-            "energy": self._norms.energy,
-            "usable": self._norms.usable,
+            "spectra": self._correlator.spectra,
+            "coefficients": self._correlator.coefficients,
+            "energy": self._correlator.norms.energy,
+            "usable": self._correlator.norms.usable,
             "kept": np.array([self.kept]),
             "shape": np.array(self._shape),
             "used": np.arange(len(self.places)) if self._used is None else self._used,
@@ -246,41 +227,39 @@ class VotesModel:
     def _observe(self, panorama: Panorama, headings: Float64 | None, expected: Expected | None) -> VoteField:
         panorama = at_resolution(panorama, self._shape)
         z, mask = orientations(panorama, self.settings)
-        problem = self._problem(panorama, z, mask)
+        problem = useless(panorama, z, mask, self.settings)
         if problem:
             asked = self._headings if headings is None else headings
             return silent_field(asked, self.places, problem, headings is None)
-        cosines = self._correlations(z) / self._norms.of(z, mask)
-        votes = vote_of_cosine(cosines, self.settings.vote_width)
-        # Votes count relative to the best one: it falls with the distance to the next place, in all lights alike.
-        weakest = vote_of_cosine(np.array([self.settings.full_match], dtype=np.float32), self.settings.vote_width)[0]
-        tolerance = self._tolerance * max(float(votes.max()), float(weakest))
+        if expected is not None and self._refiner is not None:
+            followed = self._followed(self._refiner, z, mask, expected)
+            if followed is not None:
+                return followed
+        votes = self._correlator.votes(z, mask, self.settings.vote_width)
+        tolerance = self._tolerance_of(votes)
         if headings is None:
             field = VoteField(votes, self._headings, self.places, tolerance)
-            if self._refiner is None:
-                return self._judged(field)
-            followed = None if expected is None else self._followed(self._refiner, field, z, mask, expected)
-            return followed or self._judged(self._refined(self._refiner, field, z, mask))
+            return self._judged(field if self._refiner is None else self._refined(self._refiner, field, z, mask))
         best = float(votes.max())
         return VoteField(
             at_headings(votes, headings), headings, self.places, tolerance, full_circle=False, best_at_any_heading=best
         )
 
-    def _followed(
-        self, refiner: PoseRefiner, field: VoteField, z: Complex64, mask: NDArray[np.bool_], expected: Expected
-    ) -> VoteField | None:
-        """The field with the pose measured from the expected one; None without proof that it is right.
+    def _followed(self, refiner: PoseRefiner, z: Complex64, mask: NDArray[np.bool_], expected: Expected) -> VoteField | None:
+        """The votes at a glance, with the pose measured from the expected one; None without proof that it is right.
 
-        Proof is that votes do not point elsewhere, that the pose stays where it was expected, and that field and view agree as much as
-        held-out references did where they were right.
+        Proof is that a glance at the whole map does not point elsewhere, that the pose stays where it was expected, and that glance
+        and view agree as much as held-out references did where they were right.
         """
+        votes = self._correlator.glance(z, self.settings.vote_width)
+        field = VoteField(votes, _around_the_circle(len(votes)), self.places, self._tolerance_of(votes))
         if not expected.fits(field):
             return None
-        # Votes know the heading better than odometry does.
-        measured = refiner.follow(z, mask, np.array([*expected.pose[:2], field.peak.heading]))
+        measured = refiner.follow(z, mask, expected.pose)
+        if not expected.holds(measured.pose):
+            return None
         found = self._judged(field.with_measurement(measured))
-        sure = found.confidence >= _SURE or measured.agreement.cosine >= self.settings.refinement.sufficient_agreement
-        return found if found.informative and sure and expected.holds(measured.pose) else None
+        return found if found.informative and found.confidence >= _SURE else None
 
     def _refined(self, refiner: PoseRefiner, field: VoteField, z: Complex64, mask: NDArray[np.bool_]) -> VoteField:
         """The field with the pose of the best cell, refined.
@@ -312,11 +291,13 @@ class VotesModel:
             confidence, "" if fits else f"image fits nowhere in the map (confidence {100.0 * confidence:.0f} %)"
         )
 
-    @property
-    def _tolerance(self) -> float:
-        if self.settings.tolerance is not None:
-            return self.settings.tolerance
-        return _USUAL_TOLERANCE if self.calibration is None else max(self.calibration.tolerance, _LEAST_TOLERANCE)
+    def _tolerance_of(self, votes: Float32) -> float:
+        share = self.settings.tolerance
+        if share is None:
+            share = _USUAL_TOLERANCE if self.calibration is None else max(self.calibration.tolerance, _LEAST_TOLERANCE)
+        # Votes count relative to the best one: it falls with the distance to the next place, in all lights alike.
+        weakest = vote_of_cosine(np.array([self.settings.full_match], dtype=np.float32), self.settings.vote_width)[0]
+        return share * max(float(votes.max()), float(weakest))
 
     def held_out(self, reference: int) -> VotesModel:
         """The model as though a reference had never been taken.
@@ -324,21 +305,23 @@ class VotesModel:
         The views of the places that are nearest to it are made from the others; eigenimages and depths stay as they are. Where views
         are not synthesised, its place is gone.
         """
-        energy, usable = self._norms.energy, self._norms.usable
+        norms = self._correlator.norms
         if self._synthesizer is None:
             others_than = np.delete(np.arange(len(self.places)), reference)
             left = Places(self.places.positions[others_than])
-            return self._with(left, self._coefficients[others_than], energy[others_than], usable[others_than], None)
+            return self._with(
+                left, self._correlator.coefficients[others_than], norms.energy[others_than], norms.usable[others_than], None
+            )
         references = self._synthesizer.references
         others = self._synthesizer.of(np.delete(np.arange(len(references)), reference))
-        coefficients, energy, usable = self._coefficients.copy(), energy.copy(), usable.copy()
+        coefficients, energy, usable = self._correlator.coefficients.copy(), norms.energy.copy(), norms.usable.copy()
         nearest = cKDTree(references.positions).query(self.places.positions)[1]
         # Off the grid that the references may lie on, as robots are.
         moved = self.places.spacing * np.random.default_rng(reference).uniform(-0.5, 0.5, 2)
         positions = self.places.positions + np.where(nearest == reference, 1.0, 0.0)[:, None] * moved
         for place in np.flatnonzero(nearest == reference):
             z, mask = synthetic_features(others, positions[place], self.settings)
-            coefficients[place] = self._projections(z)[0]
+            coefficients[place] = self._correlator.projections(z)[0]
             energy[place], usable[place] = block_energy(z), block_usable(mask)
             energy[place] *= np.sum(np.abs(coefficients[place]) ** 2) / max(float(energy[place].sum()), 1e-12)
         return self._with(replace(self.places, positions=positions), coefficients, energy, usable, others)
@@ -347,44 +330,12 @@ class VotesModel:
         self, places: Places, coefficients: Complex64, energy: Float32, usable: Float32, synthesizer: ViewSynthesizer | None
     ) -> VotesModel:
         """A model with the same eigenimages."""
-        columns = len(self._headings)
-        return VotesModel(
-            places, self.settings, columns, self._spectra, coefficients, energy, usable, self.kept, synthesizer, self.notes
-        )
-
-    def _problem(self, panorama: Panorama, z: Complex64, mask: NDArray[np.bool_]) -> str:
-        visible = float(mask.mean())
-        if visible < self.settings.min_visible:
-            brightness = float(np.median(panorama.pixels))
-            if brightness <= self.settings.mask_dark:
-                what = "image is black"
-            elif brightness >= self.settings.mask_bright:
-                what = "image is saturated"
-            else:
-                what = "image is mostly masked"
-            return f"{what}: {100.0 * visible:.0f} % of its pixels are usable"
-        if float(squared_magnitude(z).mean()) < 1e-3:
-            return "image has no texture"
-        return ""
-
-    def _correlations(self, z: Complex64) -> Float32:
-        """Inner products of the turned image with every place's reconstruction, float32 (headings, k)."""
-        turned = self._projections(z)
-        turned_real = np.hstack([turned.real, turned.imag]).astype(np.float32, copy=False)
-        return np.asarray(turned_real @ self._coefficients_real.T, dtype=np.float32)
-
-    def _projections(self, z: Complex64) -> Complex64:
-        """Inner products of the turned image with every eigenimage, complex64 (headings, p)."""
-        spectrum = np.ascontiguousarray(fft.fft(z, axis=1).T[self._frequencies])
-        projections = np.zeros((z.shape[1], self._spectra.shape[1]), dtype=np.complex64)
-        projections[self._frequencies] = np.matmul(self._spectra, spectrum[:, :, None])[:, :, 0]
-        return np.asarray(fft.ifft(projections, axis=0))
+        correlator = self._correlator.of_places(coefficients, energy, usable)
+        return VotesModel(places, self.settings, correlator, self.kept, synthesizer, self.notes)
 
 
-def _frequencies(columns: int, bandwidth: float) -> NDArray[np.int64]:
-    """Indices of the lowest row frequencies, both signs, as a transform over all columns orders them."""
-    highest = max(1, int(0.5 * bandwidth * columns))
-    return np.flatnonzero(np.abs(np.rint(fft.fftfreq(columns) * columns)) <= highest)
+def _around_the_circle(count: int) -> Float64:
+    return np.asarray(2.0 * np.pi * np.arange(count) / count)
 
 
 def _threads(settings: VotesSettings) -> int:

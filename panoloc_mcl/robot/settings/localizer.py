@@ -276,6 +276,6 @@ class LocalizerSettings(StrictModel):
     gate: GateSettings = Field(default_factory=GateSettings, description="Motion gate.")
     tracking: bool = Field(
         False,
-        description="While the pose is known well, the pose of an image is refined from there, and from the best votes of the whole "
-        "map where that does not fit, and for every tenth image. Saves some 7 % of an image's time; tried on few drives.",
+        description="While the pose is known well, an image is compared where the robot is expected, after a glance at the whole map; "
+        "all over the map where that does not fit, and for every tenth image. false = always all over the map.",
     )

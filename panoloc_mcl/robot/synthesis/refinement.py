@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 from panoloc_mcl.robot.eigenspace.gradients import orientations, pad_circular
 from panoloc_mcl.robot.geometry import wrap_angle
 from panoloc_mcl.robot.kernels.alignment import column_products, normal_equations, sector_pulls
-from panoloc_mcl.robot.kernels.warping import turned_table
+from panoloc_mcl.robot.kernels.warping import features_of_planes, turned_table
 from panoloc_mcl.robot.measurement import Agreement, PoseMeasurement
 from panoloc_mcl.robot.references import ReferencePanoramas
 from panoloc_mcl.robot.settings.observation import RefinementSettings, VotesSettings
@@ -331,14 +331,15 @@ def _source_planes(references: ReferencePanoramas, settings: VotesSettings, sour
 
 
 def _planes(z: Complex64, usable: Bool, sigma: float) -> Float32:
-    """Real part, imaginary part and usability, smoothed and continued across the seam: float32 (rows, columns + 2 MARGIN, 3)."""
+    """Real part, imaginary part, usability and nothing, smoothed and continued across the seam: (rows, columns + 2 MARGIN, 4)."""
     # Two boxes of n pixels have the variance (n^2 - 1) / 6; they take the same time for any n.
     box = 2 * round(0.5 * (np.sqrt(6.0 * sigma**2 + 1.0) - 1.0)) + 1
     margin = MARGIN + box
-    planes = np.empty((z.shape[0], z.shape[1] + 2 * margin, 3), dtype=np.float32)
+    planes = np.empty((z.shape[0], z.shape[1] + 2 * margin, 4), dtype=np.float32)
     planes[..., 0] = pad_circular(z.real, margin)
     planes[..., 1] = pad_circular(z.imag, margin)
     planes[..., 2] = pad_circular(usable, margin)
+    planes[..., 3] = 0.0
     if box > 1:
         smooth = cv2.blur(cv2.blur(planes, (box, box)), (box, box))
         # A pixel is as usable as it was; only what is compared is smoothed.
@@ -348,6 +349,4 @@ def _planes(z: Complex64, usable: Bool, sigma: float) -> Float32:
 
 
 def _read(planes: Float32, map_x: Float32, map_y: Float32) -> tuple[Complex64, Bool]:
-    read = cv2.remap(planes, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
-    z = np.ascontiguousarray(read[..., :2]).view(np.complex64)[..., 0]
-    return z, read[..., 2] > 0.99
+    return features_of_planes(cv2.remap(planes, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT))

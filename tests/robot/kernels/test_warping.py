@@ -7,7 +7,7 @@ from oracles.rooms import BareRoom
 from scipy.spatial.transform import Rotation
 
 from panoloc_mcl.robot.camera import PanoramaGeometry
-from panoloc_mcl.robot.kernels import warping
+from panoloc_mcl.robot.kernels import elementary, warping
 from panoloc_mcl.robot.synthesis.views import FloorRays
 
 # The fixture only picks a function.
@@ -15,7 +15,7 @@ either = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], m
 GEOMETRY = PanoramaGeometry(90, 36, -50.0, 25.0)
 RAYS = FloorRays.of(GEOMETRY, 0.6)
 ROOM = BareRoom()
-finite = st.floats(-1e6, 1e6)
+finite = st.floats(-1e6, 1e6, width=32)
 
 
 @either
@@ -24,14 +24,14 @@ finite = st.floats(-1e6, 1e6)
 @example(y=0.0, x=-1.0)
 @example(y=-1.0, x=0.0)
 @example(y=1.0, x=1.0)
-@example(y=1e-300, x=-1e-300)
-@example(y=5e-324, x=0.0)
+@example(y=1e-36, x=-1e-36)
+@example(y=1e-45, x=0.0)
 def test_arctan2_agrees_with_the_library(variant, y: float, x: float) -> None:
-    difference = variant(warping.arctan2)(y, x) - np.arctan2(y, x)
+    difference = float(variant(elementary.arctan2)(np.float32(y), np.float32(x))) - np.arctan2(y, x)
     if y == 0.0 and x < 0.0:  # where -0 and 0 are half turns to both sides
         difference = abs(difference) % (2.0 * np.pi)
-    if max(abs(x), abs(y)) > 1e-290:
-        assert abs(difference) < 2e-10
+    if max(abs(x), abs(y)) > 1e-30:
+        assert abs(difference) < 5e-7
     else:
         assert np.isfinite(difference)
 
