@@ -35,7 +35,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "all of it": {},
 }
 # Images of a drive: at most, and those that find the pose.
-_ALONG, _FIRST = 60, 3
+ALONG, FIRST = 60, 3
 PEER, PRODUCT = "cv2.matchTemplate", "matrix product 1024 x 1024, float32"
 
 
@@ -63,7 +63,7 @@ def speed(dataset: str, repeats: int) -> Report:
     panorama = panorama_map.unwrapper(drive.camera, drive.image_size)(images[0])
     tasks[PEER] = template_matching(panorama.pixels, panorama_map.references.pixels)
     tasks[PRODUCT], _ = matrix_product()
-    repeats = min(repeats, len(drive.files) - _FIRST - 1, _ALONG - _FIRST - 1)
+    repeats = min(repeats, len(drive.files) - FIRST - 1, ALONG - FIRST - 1)
     spent = interleaved(tasks, repeats)
     references, geometry = len(panorama_map.references), panorama_map.geometry
     report = Report(
@@ -103,7 +103,7 @@ def along_a_drive(panorama_map: PanoramaMap, config: RunConfig, drive: Drive) ->
         [
             replace(message, source=read_image(drive.files[message.index])) if isinstance(message, Image) else message
             for message in recorded(drive)
-            if isinstance(message, Odometry | Image) and message.timestamp <= drive.times[min(_ALONG, len(drive)) - 1]
+            if isinstance(message, Odometry | Image) and message.timestamp <= drive.times[min(ALONG, len(drive)) - 1]
         ]
     )
 
@@ -114,7 +114,7 @@ def along_a_drive(panorama_map: PanoramaMap, config: RunConfig, drive: Drive) ->
                 return estimate
         return None
 
-    for _ in range(_FIRST):
+    for _ in range(FIRST):
         step()
     return step
 

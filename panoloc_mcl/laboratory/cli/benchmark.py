@@ -56,6 +56,10 @@ def _options_of_simulation(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--variants", nargs="+", default=("llvm_ad_rgb", "scalar_rgb"), metavar="NAME", help="of Mitsuba")
 
 
+def _options_of_profile(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--dataset", default="hall", metavar="DATASET", help="a data set, or the name of an embedded one")
+
+
 def _options_of_live(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--dataset", default="hall", metavar="DATASET", help="a data set, or the name of an embedded one")
     parser.add_argument("--seconds", type=at_least(1), default=60, metavar="S", help="how long the drive is played")
@@ -73,6 +77,12 @@ def _speed(args: argparse.Namespace) -> Report:
     from panoloc_mcl.laboratory.benchmarks.speed import speed
 
     return speed(args.dataset, args.repeats)
+
+
+def _profile(args: argparse.Namespace) -> Report:
+    from panoloc_mcl.laboratory.benchmarks.profile import profile
+
+    return profile(args.dataset, None if args.out is None else Path(args.out))
 
 
 def _start(args: argparse.Namespace) -> Report:
@@ -152,6 +162,12 @@ def _on_one_thread(work: Callable[[argparse.Namespace], Report], args: argparse.
 BENCHMARKS = (
     Reporting(
         "speed", "one image, from pixels to pose, against OpenCV's template matching", _options, partial(_on_one_thread, _speed)
+    ),
+    Reporting(
+        "profile",
+        "where the time of an image goes, as a table and a picture",
+        _options_of_profile,
+        partial(_on_one_thread, _profile),
     ),
     Reporting("start", "start-up against importing NumPy; a whole run's memory", _options, _start),
     Reporting("voting", "the paper's voting against plain NumPy", _options, partial(_on_one_thread, _voting)),

@@ -13,6 +13,21 @@ def test_one_image_against_template_matching(ask, small_room):
 
 
 @pytest.mark.slow
+def test_where_the_time_of_an_image_goes(ask, small_room, tmp_path):
+    answer = ask("benchmark", "profile", "--dataset", small_room.path, "--out", tmp_path)
+    for rows in (answer.rows(0), answer.rows(1)):
+        spent = {row["stage"]: row["ms an image"] for row in rows}
+        whole = spent.pop("all")
+        assert sum(spent.values()) == pytest.approx(whole, rel=0.01)
+        # Every stage is found under its name, and hardly anything is in none.
+        assert all(
+            spent[stage] > 0.0 for stage in spent if stage not in {"the rest", "votes at a glance", "votes of all places"}
+        )
+        assert abs(spent["the rest"]) < 0.5 * whole
+    assert (tmp_path / "profile.png").stat().st_size > 5_000
+
+
+@pytest.mark.slow
 def test_the_filter_against_numpy(ask):
     answer = ask("benchmark", "filter", "--particles", "2000", "--repeats", "5")
     rows = {row["what"]: row for row in answer.rows()}
