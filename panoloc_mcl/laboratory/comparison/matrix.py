@@ -275,6 +275,9 @@ def _resolved(matrix: Matrix, source: str) -> list[tuple[dict[str, str], RunConf
     """
     faults: dict[str, None] = {}
     found = []
+    # What every image says by itself is compared, too, so it is not told where the robot is expected.
+    base = matrix.base.get("localizer")
+    asked = {} if isinstance(base, Mapping) and "tracking" in base else {"tracking": False}
     for (observation, seeing), (mode, moving), (variant, varied) in itertools.product(
         _labelled(matrix.observations), _labelled(matrix.modes), matrix.variants.items()
     ):
@@ -283,7 +286,7 @@ def _resolved(matrix: Matrix, source: str) -> list[tuple[dict[str, str], RunConf
         overrides = [
             *_overrides("observation", {"model": observation, **seeing}, f"{source}: observations.{observation}"),
             *_overrides("map", mapping if isinstance(mapping, Mapping) else {}, f"{source}: observations.{observation}.map"),
-            *_overrides("localizer", {"mode": mode, **moving}, f"{source}: modes.{mode}"),
+            *_overrides("localizer", {"mode": mode, **asked, **moving}, f"{source}: modes.{mode}"),
             *(Override(key, value, f"{source}: variants.{variant}") for key, value in varied.items()),
         ]
         if "model" in seeing and observation in models and seeing["model"] != observation:

@@ -275,7 +275,7 @@ class LocalizerSettings(StrictModel):
     status: StatusSettings = Field(default_factory=StatusSettings, description="Thresholds of the status.")
     gate: GateSettings = Field(default_factory=GateSettings, description="Motion gate.")
     tracking: bool = Field(
-        False,
+        True,
         description="While the pose is known well, an image is compared where the robot is expected, after a glance at the whole map; "
         "all over the map where that does not fit, and for every tenth image. false = always all over the map.",
     )

@@ -98,7 +98,9 @@ def localized(config: RunConfig, panorama_map: PanoramaMap, drive: Drive, every:
     """
     some = drive.of(np.arange(min(every // 2, len(drive) - 1), len(drive), every))
     seed = (config.seed, *drive.name.encode())
-    localizer = Localizer(panorama_map, config, camera=drive.camera, image_size=drive.image_size, seed=seed)
+    # What every image says by itself: it is not told where the robot is expected.
+    searching = config.model_copy(update={"localizer": config.localizer.model_copy(update={"tracking": False})})
+    localizer = Localizer(panorama_map, searching, camera=drive.camera, image_size=drive.image_size, seed=seed)
     assert drive.groundtruth is not None
     alone, filtered, truth = [], [], []
     for _, estimate in answers(localizer, recorded(some)):
