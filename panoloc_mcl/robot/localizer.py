@@ -323,6 +323,7 @@ class Localizer(SavedState):
             stage_ms=stage_ms,
             reasons=tuple(reasons),
             best_guess=guess,
+            map=self._map.name,
         )
 
     def _guess(self, votes: VoteField) -> Guess | None:

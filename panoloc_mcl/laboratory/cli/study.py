@@ -17,6 +17,7 @@ STUDIES = (
     "kills",
     "fuzz",
     "doubt",
+    "floors",
     "consistency",
     "light",
     "camera",

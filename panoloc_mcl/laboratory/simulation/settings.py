@@ -103,6 +103,7 @@ class SimulationConfig(StrictModel):
     body: str | None = Field(None, description="A PNG of the images' size, transparent but for the robot, fixed to the camera.")
     floor_gloss: Share = Field(0.0, description="How much floors mirror: 1 = varnished, 0 = matt.")
     references_light: str
+    references_moved: Share = 0.0
     references_drive: ReferenceDrive | None = None
     jpeg_quality: Annotated[int, Field(ge=1, le=100)] | None = Field(None, description="JPEG instead of PNG.")
     sequences: tuple[SequenceGroup, ...] = ()

@@ -99,7 +99,9 @@ class Simulation:
             light_of(scene, group.light, f"sequences.{order}.light")
         self._buildings: dict[_BuildingKey, Building] = {}
         self._casters: dict[_BuildingKey, RayCaster] = {}
-        building = self._building(_AS_IT_STANDS)
+        # Another floor may be furnished otherwise, and is recorded so.
+        self._recorded = (config.references_moved, config.seed) if config.references_moved > 0.0 else _AS_IT_STANDS
+        building = self._building(self._recorded)
         height = config.camera.height_m or 0.0
         self.space = FreeSpace(building, height + 0.1)
         places = reference_poses(self.space)
@@ -167,7 +169,7 @@ class Simulation:
             for index, pose in enumerate(config.camera.mounting.camera_poses(self.references))
         )
         names = [f"ref_{index:03d}.{ending}" for index in range(len(shots))]
-        view = _View(config.references_light, _AS_IT_STANDS, config.camera, config.size)
+        view = _View(config.references_light, self._recorded, config.camera, config.size)
         writer.add_references(pictures.of(path / "references", names, shots, view), self.references, names=names)
         for sequence in self._sequences:
             group = sequence.group
@@ -187,7 +189,7 @@ class Simulation:
         height = self.config.camera.height_m or 0.0
         taken = self.config.camera.mounting.camera_poses(self.references)
         at = [("reference", np.array([pose[0], pose[1], height])) for pose in taken]
-        groups[_AS_IT_STANDS] = at
+        groups[self._recorded] = at
         for sequence in self._sequences:
             shots = [(f"sequence {sequence.name}", np.array([*shot.pose[:2], shot.height_m])) for shot in sequence.shots]
             groups.setdefault(sequence.building_key, []).extend(shots)

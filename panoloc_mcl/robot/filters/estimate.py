@@ -137,6 +137,8 @@ class Estimate:
         Milliseconds of each stage, in order.
     best_guess : Guess or None
         What the image says by itself: the best cell's pose at the image's time, and its probability; None when it says nothing.
+    map : str
+        Name of the map that the pose is in.
     """
 
     timestamp: float
@@ -149,6 +151,7 @@ class Estimate:
     stage_ms: dict[str, float] = field(default_factory=dict)
     reasons: tuple[Reason, ...] = ()
     best_guess: Guess | None = None
+    map: str = ""
 
     @property
     def clusters(self) -> tuple[Cluster, ...]:

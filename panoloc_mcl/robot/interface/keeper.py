@@ -5,10 +5,19 @@ from __future__ import annotations
 import threading
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Protocol, Self
 
 from panoloc_mcl.robot.errors import OutputError, StateError
-from panoloc_mcl.robot.interface.saved_state import SavedState
+
+
+class Keepable(Protocol):
+    """A localizer on one map or on several."""
+
+    def save_state(self, path: str | Path) -> None:
+        """Save all that the next estimate depends on."""
+
+    def resume(self, path: str | Path) -> None:
+        """Go on from it."""
 
 
 class StateKeeper:
@@ -21,7 +30,7 @@ class StateKeeper:
 
     Parameters
     ----------
-    localizer : Localizer
+    localizer : Localizer or FloorLocalizer
     path : str or Path
         An npz file; it need not exist yet. Written whole or not at all, so killing the program does not harm it.
     every_s : float
@@ -35,7 +44,7 @@ class StateKeeper:
         Why the state could not be taken up, or not be saved the last time; empty when all is well.
     """
 
-    def __init__(self, localizer: SavedState, path: str | Path, every_s: float = 10.0) -> None:
+    def __init__(self, localizer: Keepable, path: str | Path, every_s: float = 10.0) -> None:
         self._localizer, self._path, self._every_s = localizer, Path(path), every_s
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._run, name="panoloc-state", daemon=True)

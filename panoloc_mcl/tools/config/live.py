@@ -58,10 +58,29 @@ class StateSettings(StrictModel):
     every_s: Annotated[float, Field(gt=0.0, le=3600.0)] = Field(10.0, description="How often it is saved, s; also at exit.")
 
 
+class TransitionSettings(StrictModel):
+    """A lift, ramp or door that leads from one of the maps to another."""
+
+    between: tuple[str, str] = Field(description="Names of the two maps: their files without the ending.")
+    at: tuple[tuple[float, float], tuple[float, float]] = Field(
+        description="x and y of its ends, m, each in the frame of its map."
+    )
+    radius_m: Annotated[float, Field(gt=0.0, le=100.0)] = Field(
+        1.5, description="How near a robot comes to an end that takes it, m."
+    )
+
+
 class LiveConfig(LocalizerConfig):
     """A running robot."""
 
-    map: Path = Field(description="Map file, from `panoloc build-map`.")
+    map: Path | None = Field(None, description="Map file, from `panoloc build-map`.")
+    maps: list[Path] = Field(
+        default_factory=list,
+        description="Instead of `map`, several map files, such as one per floor; the robot may be on any of them.",
+    )
+    transitions: list[TransitionSettings] = Field(
+        default_factory=list, description="Where the robot changes from one of `maps` to another, if that is known."
+    )
     camera: Path | None = Field(None, description="camera.yaml of the robot's camera; null = as the map's, or the recording's.")
     input: InputSettings = Field(description="Where messages come from.")
     recording: RecordingSettings = Field(
@@ -72,6 +91,24 @@ class LiveConfig(LocalizerConfig):
     missing_after_s: Annotated[float, Field(gt=0.0, le=3600.0)] = Field(
         5.0, description="Seconds without images or odometry after which a warning names what is missing."
     )
+
+    @model_validator(mode="after")
+    def _one_map_or_several(self) -> LiveConfig:
+        if (self.map is None) == (not self.maps):
+            raise ValueError("needs map or maps, and not both; leave one out")
+        names = [path.stem for path in self.maps]
+        if len(set(names)) < len(names):
+            raise ValueError(f"maps: two files have one name ({', '.join(names)}); rename one")
+        for way in self.transitions:
+            for name in way.between:
+                if name not in names:
+                    raise ValueError(f"transitions: between = {name}: is none of maps; known: {', '.join(names) or 'none'}")
+        return self
+
+    @property
+    def every_map(self) -> list[Path]:
+        """The files of all maps."""
+        return self.maps if self.map is None else [self.map]
 
 
 def load_live_config(path: str | Path, overrides: Sequence[str | Override] = ()) -> LiveConfig:

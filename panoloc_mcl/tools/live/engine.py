@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.robot.errors import ImageError
 from panoloc_mcl.robot.filters import Estimate
+from panoloc_mcl.robot.floors import AnyLocalizer
 from panoloc_mcl.robot.geometry import between
 from panoloc_mcl.robot.interface.answers import TimedPose
 from panoloc_mcl.robot.interface.messages import Image, Message, Odometry
-from panoloc_mcl.robot.localizer import Localizer
 
 # Latencies that the median is over.
 _REMEMBERED = 200
@@ -100,7 +100,7 @@ class Engine:
 
     Parameters
     ----------
-    localizer : Localizer
+    localizer : Localizer or FloorLocalizer
     outputs : sequence of Output
     keep_all : bool
         Work off every image, however long it takes: for recordings that are not played in real time.
@@ -114,7 +114,7 @@ class Engine:
 
     def __init__(
         self,
-        localizer: Localizer,
+        localizer: AnyLocalizer,
         outputs: Sequence[Output] = (),
         keep_all: bool = False,
         missing_after_s: float = 5.0,

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 
 from panoloc_mcl.robot.errors import ImageError, OutputError
+from panoloc_mcl.robot.floors import AnyLocalizer
 from panoloc_mcl.robot.interface.answers import TimedPose
-from panoloc_mcl.robot.localizer import Localizer
 from panoloc_mcl.tools.live.engine import Answer
 
 # Particles that are shown.
@@ -26,7 +26,7 @@ class FoxgloveServer:
 
     Parameters
     ----------
-    localizer : Localizer
+    localizer : Localizer or FloorLocalizer
     host : str
     port : int
         0 takes a free one.
@@ -37,7 +37,7 @@ class FoxgloveServer:
         The port is in use, or the extra is missing.
     """
 
-    def __init__(self, localizer: Localizer, host: str = "127.0.0.1", port: int = 8765) -> None:
+    def __init__(self, localizer: AnyLocalizer, host: str = "127.0.0.1", port: int = 8765) -> None:
         if importlib.util.find_spec("foxglove") is None:
             raise OutputError('output.foxglove: needs the Foxglove SDK; install it: pip install "panoloc-mcl[live]"')
         import foxglove

@@ -32,6 +32,7 @@ class JsonLines:
             {
                 "kind": "answer",
                 "timestamp": answer.image.timestamp,
+                "map": estimate.map,
                 "pose": [float(value) for value in estimate.pose],
                 "covariance": [[float(value) for value in row] for row in estimate.covariance],
                 "status": estimate.status.value,

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from panoloc_mcl.robot.errors import ImageError
+from panoloc_mcl.robot.floors import AnyLocalizer
 from panoloc_mcl.robot.interface.answers import TimedPose
-from panoloc_mcl.robot.localizer import Localizer
 from panoloc_mcl.tools.live.engine import Answer
 from panoloc_mcl.tools.report.rerun_sink import RerunSink
 from panoloc_mcl.tools.report.sinks import Departure, Frame, Scene
@@ -44,12 +44,12 @@ class RerunOutput:
 
     Parameters
     ----------
-    localizer : Localizer
+    localizer : Localizer or FloorLocalizer
     target : str
         ``live``, or a file ending in ``.rrd``.
     """
 
-    def __init__(self, localizer: Localizer, target: str) -> None:
+    def __init__(self, localizer: AnyLocalizer, target: str) -> None:
         self._localizer = localizer
         self._sink = RerunSink(None if target == "live" else Path(target))
         self._sink.open(Scene("live", localizer.panorama_map.references, localizer.places, (0,)))

@@ -10,6 +10,7 @@ from contextlib import ExitStack
 from panoloc_mcl.robot.camera import Camera
 from panoloc_mcl.robot.camera.files import read_camera
 from panoloc_mcl.robot.errors import DatasetError
+from panoloc_mcl.robot.floors import AnyLocalizer, FloorLocalizer, Transition
 from panoloc_mcl.robot.interface.keeper import StateKeeper
 from panoloc_mcl.robot.interface.messages import Message
 from panoloc_mcl.robot.localizer import Localizer
@@ -48,13 +49,18 @@ def run_live(
     PanolocError
         The map, the input or an output cannot be used.
     """
-    panorama_map = PanoramaMap.load(config.map)
-    drive = None if config.input.recording is None else _drive(config, panorama_map)
+    maps = {path.stem: PanoramaMap.load(path) for path in config.every_map}
+    drive = None if config.input.recording is None else _drive(config, next(iter(maps.values())))
     camera: Camera | None = drive.camera if drive is not None else None
     if config.camera is not None:
         camera = read_camera(config.camera)
     size = None if drive is None else drive.image_size
-    localizer = Localizer(panorama_map, config, camera=camera, image_size=size)
+    localizer: AnyLocalizer
+    if config.map is not None:
+        localizer = Localizer(maps[config.map.stem], config, camera=camera, image_size=size)
+    else:
+        ways = [Transition(way.between, way.at, way.radius_m) for way in config.transitions]
+        localizer = FloorLocalizer(maps, config, ways, camera=camera, image_size=size)
     with ExitStack() as stack:
         if config.state.file is not None:
             keeper = StateKeeper(localizer, config.state.file, config.state.every_s)
@@ -98,7 +104,7 @@ def _messages(config: LiveConfig, drive: Drive | None, stopped: threading.Event)
     return camera_images(str(config.input.video), stopped)
 
 
-def _outputs(config: LiveConfig, localizer: Localizer, notice: Callable[[str], None]) -> list[Output]:
+def _outputs(config: LiveConfig, localizer: AnyLocalizer, notice: Callable[[str], None]) -> list[Output]:
     wanted, outputs = config.output, list[Output]()
     if wanted.json_lines:
         outputs.append(JsonLines(sys.stdout, wanted.movements))

@@ -86,7 +86,8 @@ def _live_faults(path: str, overrides: list[str | Override]) -> list[str]:
     from panoloc_mcl.tools.config.live import load_live_config
 
     try:
-        PanoramaMap.load(load_live_config(path, overrides).map)
+        for file in load_live_config(path, overrides).every_map:
+            PanoramaMap.load(file)
     except PanolocError as error:
         return list(error.faults)
     return []

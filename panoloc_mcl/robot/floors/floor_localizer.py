@@ -1,0 +1,282 @@
+"""Localization on several maps at once. The page: images go to the localizers of the maps, and what they answer tells the map."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from panoloc_mcl.robot.camera import Camera, Unwrapper
+from panoloc_mcl.robot.errors import ConfigError, ImageError, StateError
+from panoloc_mcl.robot.files import read_arrays, write_arrays
+from panoloc_mcl.robot.filters import Estimate, Status
+from panoloc_mcl.robot.filters.shared_error import new_share
+from panoloc_mcl.robot.floors.belief import FloorBelief, how_well_each_fits
+from panoloc_mcl.robot.floors.transitions import Transition
+from panoloc_mcl.robot.interface.answers import TimedPose
+from panoloc_mcl.robot.interface.messages import Image, Message, Odometry
+from panoloc_mcl.robot.localizer import Localizer
+from panoloc_mcl.robot.locks import Lock, locked
+from panoloc_mcl.robot.map.panorama_map import PanoramaMap
+from panoloc_mcl.robot.observation import Places
+from panoloc_mcl.robot.reasons import Reason
+from panoloc_mcl.robot.settings.config import LocalizerConfig
+from panoloc_mcl.robot.synthesis.spacing import usual_spacing
+
+Float64 = NDArray[np.float64]
+
+# A map that is so probable is taken for the one; others then look at every so many-th image only.
+_SURE, _ASKED_EVERY = 0.95, 5
+# Maps of this probability or more are named while it cannot be told.
+_NAMED = 0.05
+_FORMAT = "panoloc-floors/1"
+
+
+class FloorLocalizer:
+    """Tells a robot on which of several maps it is, and where on it.
+
+    Every map has a localizer of its own. While the map is not known, all of them see every image; the status is ``ambiguous``, and the
+    message names the maps, until one is clearly the most probable. Used like a `Localizer`; ``Estimate.map`` names the map that the
+    pose is in.
+
+    Parameters
+    ----------
+    maps : mapping of str to PanoramaMap
+        By their names, such as floors.
+    config : LocalizerConfig
+    transitions : sequence of Transition
+        Lifts and doors, if they are known; a robot is found on any map without them, too, a few images later.
+    camera, image_size
+        As of `Localizer`.
+
+    Raises
+    ------
+    ConfigError
+        No map, or a transition between maps that are not there.
+    MapError, CameraError
+        As `Localizer`.
+    """
+
+    def __init__(
+        self,
+        maps: Mapping[str, PanoramaMap],
+        config: LocalizerConfig | None = None,
+        transitions: Sequence[Transition] = (),
+        *,
+        camera: Camera | None = None,
+        image_size: tuple[int, int] | None = None,
+    ) -> None:
+        if not maps:
+            raise ConfigError("maps: there is none; name at least one")
+        for transition in transitions:
+            for name in transition.between:
+                if name not in maps:
+                    raise ConfigError(f"transitions: between = {name}: no such map; known: {', '.join(maps)}")
+        config = config or LocalizerConfig()
+        self.config, self.settings = config, config.localizer
+        self._localizers = {
+            name: Localizer(panorama_map, config, camera=camera, image_size=image_size) for name, panorama_map in maps.items()
+        }
+        self._names = tuple(maps)
+        self._transitions = tuple(transitions)
+        self._belief = FloorBelief(self._names)
+        self._estimates: dict[str, Estimate] = {}
+        self._images = 0
+        self._seen: tuple[str, Float64] | None = None
+        self._lock = Lock()
+
+    @property
+    def map_name(self) -> str:
+        """The most probable map."""
+        return self._names[self._belief.best]
+
+    @property
+    def probabilities(self) -> dict[str, float]:
+        """Of the maps."""
+        return dict(zip(self._names, self._belief.probabilities.tolist(), strict=True))
+
+    @property
+    def localizer(self) -> Localizer:
+        """That of the most probable map."""
+        return self._localizers[self.map_name]
+
+    def add(self, message: Message) -> Estimate | None:
+        """As `Localizer.add`."""
+        if isinstance(message, Odometry):
+            self.add_odometry(message.timestamp, message.pose, message.velocity, message.covariance)
+        elif isinstance(message, Image):
+            return self.add_image(message.timestamp, message.pixels())
+        return None
+
+    def add_odometry(
+        self, timestamp: float, pose: ArrayLike, velocity: ArrayLike | None = None, covariance: ArrayLike | None = None
+    ) -> None:
+        """As `Localizer.add_odometry`."""
+        for localizer in self._localizers.values():
+            localizer.add_odometry(timestamp, pose, velocity, covariance)
+
+    @locked
+    def add_image(self, timestamp: float, image: NDArray[Any] | ImageError) -> Estimate | None:
+        """Take one image (see `Localizer.add_image`); the estimate is that of the most probable map."""
+        self._images += 1
+        self._belief.predict(self._ways())
+        answers = {name: self._localizers[name].add_image(timestamp, image) for name in self._asked()}
+        self._estimates |= {name: estimate for name, estimate in answers.items() if estimate is not None}
+        if all(estimate is None for estimate in answers.values()):
+            return None
+        fields = [None if (answer := answers.get(name)) is None else answer.vote_field for name in self._names]
+        self._belief.update(how_well_each_fits(fields), self._new_since_last())
+        return self._judged(answers)
+
+    def _asked(self) -> Sequence[str]:
+        """Maps that see this image: the one that is known, or all."""
+        best = self.map_name
+        known = self._belief.probabilities.max() >= _SURE and best in self._estimates
+        if known and self._estimates[best].status is Status.CONVERGED and self._images % _ASKED_EVERY and not self._ways():
+            return (best,)
+        return self._names
+
+    def _ways(self) -> dict[int, int]:
+        """Other maps that the robot may be on when the next image comes, by the map where it is near a transition."""
+        ways = {}
+        for name, estimate in self._estimates.items():
+            for transition in self._transitions:
+                other = transition.leads_to(name, estimate.pose) if estimate.status is Status.CONVERGED else None
+                if other is not None:
+                    ways[self._names.index(name)] = self._names.index(other)
+        return ways
+
+    def _new_since_last(self) -> float:
+        """How much of an image is new, by the way from the last one: a robot that stands sees the same again."""
+        best = self.map_name
+        pose = self._estimates[best].pose if best in self._estimates else None
+        before, self._seen = self._seen, None if pose is None else (best, pose)
+        if before is None or pose is None or before[0] != best:
+            return 1.0
+        spacing = usual_spacing(self.localizer.panorama_map.references.positions)
+        return new_share(math.hypot(*(pose - before[1])[:2].tolist()), spacing)
+
+    def _judged(self, answers: Mapping[str, Estimate | None]) -> Estimate | None:
+        """The answer on the most probable map; ambiguous while another one may be right."""
+        best = self.map_name
+        estimate = answers.get(best) or self._estimates.get(best)
+        if estimate is None:
+            return None
+        estimate = replace(estimate, map=best)
+        if self._belief.probabilities.max() >= _SURE or estimate.status is not Status.CONVERGED:
+            return estimate
+        named = sorted(((share, name) for name, share in self.probabilities.items() if share >= _NAMED), reverse=True)
+        where = " or ".join(f"{name} ({100.0 * share:.0f} %)" for share, name in named)
+        message = "; ".join(part for part in (estimate.message, f"the robot may be on {where}") if part)
+        reasons = (*estimate.reasons, Reason.MAP_CANNOT_TELL)
+        return replace(estimate, status=Status.AMBIGUOUS, message=message, reasons=tuple(dict.fromkeys(reasons)))
+
+    def pose_at(self, timestamp: float | None = None) -> TimedPose | None:
+        """As `Localizer.pose_at`, on the most probable map; not called converged while the map is not known."""
+        robot = self.localizer.pose_at(timestamp)
+        if robot is not None and robot.status is Status.CONVERGED and self._belief.probabilities.max() < _SURE:
+            robot = replace(robot, status=Status.AMBIGUOUS)
+        return robot
+
+    def odometry_to_map(self, timestamp: float | None = None) -> TimedPose | None:
+        """As `Localizer.odometry_to_map`."""
+        return self.localizer.odometry_to_map(timestamp)
+
+    def driven(self, timestamp: float) -> Float64 | None:
+        """As `Localizer.driven`."""
+        return self.localizer.driven(timestamp)
+
+    @locked
+    def set_pose(self, name: str, pose: ArrayLike, covariance: ArrayLike | None = None, timestamp: float | None = None) -> None:
+        """Believe a map and a pose on it, that somebody gives.
+
+        Raises
+        ------
+        ConfigError
+            No such map.
+        MeasurementError
+            As `Localizer.set_pose`.
+        """
+        if name not in self._localizers:
+            raise ConfigError(f"set_pose: {name}: no such map; known: {', '.join(self._names)}")
+        self._localizers[name].set_pose(pose, covariance, timestamp)
+        self._belief = FloorBelief(self._names, np.where(np.array(self._names) == name, 1.0, 0.0))
+        self._seen = None
+
+    @locked
+    def relocalize(self) -> None:
+        """Forget map and pose."""
+        for localizer in self._localizers.values():
+            localizer.relocalize()
+        self._belief, self._seen = FloorBelief(self._names), None
+        self._estimates = {}
+
+    @locked
+    def save_state(self, path: str | Path) -> None:
+        """Save all that the next estimate depends on: the belief in this file, that on each map in one beside it.
+
+        Raises
+        ------
+        OutputError
+            A file cannot be written.
+        """
+        for number, localizer in enumerate(self._localizers.values()):
+            localizer.save_state(_beside(Path(path), number))
+        header = {"format": _FORMAT, "maps": list(self._names)}
+        write_arrays(Path(path), header, {"probabilities": self._belief.probabilities})
+
+    @locked
+    def resume(self, path: str | Path) -> None:
+        """Go on from a saved state (see `Localizer.resume`).
+
+        Raises
+        ------
+        StateError
+            Missing or damaged, or saved with other maps or settings.
+        """
+        try:
+            header, arrays = read_arrays(Path(path))
+        except (OSError, ValueError) as error:
+            raise StateError(f"{path}: not a saved state ({error}); start anew and save it again") from error
+        if header.get("format") != _FORMAT or header.get("maps") != list(self._names):
+            raise StateError(f"{path}: saved with maps {header.get('maps')}, these are {list(self._names)}; start anew")
+        probabilities = np.asarray(arrays.get("probabilities"), dtype=np.float64)
+        if probabilities.shape != (len(self._names),) or not np.isfinite(probabilities).all() or (probabilities < 0.0).any():
+            raise StateError(f"{path}: the saved state is damaged (probabilities); start anew and save it again")
+        for number, localizer in enumerate(self._localizers.values()):
+            localizer.resume(_beside(Path(path), number))
+        self._belief = FloorBelief(self._names, probabilities / max(float(probabilities.sum()), 1e-300))
+
+    @property
+    def particles(self) -> tuple[Float64, Float64]:
+        """Of the most probable map (see `Localizer.particles`)."""
+        return self.localizer.particles
+
+    @property
+    def places(self) -> Places:
+        """Of the most probable map."""
+        return self.localizer.places
+
+    @property
+    def panorama_map(self) -> PanoramaMap:
+        """The most probable one."""
+        return self.localizer.panorama_map
+
+    @property
+    def unwrapper(self) -> Unwrapper:
+        """That makes panoramas of the camera's images."""
+        return self.localizer.unwrapper
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """As `Localizer.counts`, of the most probable map; and the images of all."""
+        return self.localizer.counts | {"images": self._images}
+
+
+def _beside(path: Path, number: int) -> Path:
+    return path.with_name(f"{path.stem}.{number}{path.suffix}")
