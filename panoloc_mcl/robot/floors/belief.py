@@ -18,8 +18,8 @@ from panoloc_mcl.robot.observation.field import VoteField
 
 Float64 = NDArray[np.float64]
 
-# Chance that a robot has been carried to another map since the last image, wherever it was; and that it has taken a way to one.
-_CARRIED, _TAKEN = 1e-3, 0.5
+# Least chance that a robot has been carried anywhere since the last image; and that it has taken a way where there is one.
+_LEAST_CARRIED, _TAKEN = 1e-3, 0.5
 
 
 @dataclass
@@ -45,16 +45,24 @@ class FloorBelief:
         """Index of the most probable map."""
         return int(np.argmax(self.probabilities))
 
-    def predict(self, ways: Mapping[int, int]) -> None:
-        """A robot may have been carried anywhere; where a way leads from one map (index) to another, it may have taken it."""
+    def predict(self, ways: Mapping[int, int], carried: float = 0.0) -> None:
+        """Before an image.
+
+        Parameters
+        ----------
+        ways : mapping of int to int
+            The robot is at a way that leads from one map (index) to another, and may have taken it.
+        carried : float
+            Probability that it was carried away, to anywhere on all maps.
+        """
         count = len(self.names)
-        if count == 1:
-            return
-        moves = np.full((count, count), _CARRIED / (count - 1))
-        np.fill_diagonal(moves, 1.0 - _CARRIED)
+        carried = min(max(carried, _LEAST_CARRIED), 1.0)
+        moves = np.full((count, count), carried / count)
+        np.fill_diagonal(moves, 1.0 - carried + carried / count)
         for here, there in ways.items():
-            moves[here, here] -= _TAKEN
-            moves[here, there] += _TAKEN
+            taken = _TAKEN * moves[here, here]
+            moves[here, here] -= taken
+            moves[here, there] += taken
         self.probabilities = self.probabilities @ moves
 
     def update(self, likelihoods_of_maps: Float64, new: float) -> None:

@@ -30,8 +30,8 @@ from panoloc_mcl.robot.synthesis.spacing import usual_spacing
 
 Float64 = NDArray[np.float64]
 
-# A map that is so probable is taken for the one; others then look at every so many-th image only.
-_SURE, _ASKED_EVERY = 0.95, 5
+# A map that is so probable is taken for the one; the others look at every so many-th image once it is nearly certain.
+_SURE, _CERTAIN, _ASKED_EVERY = 0.95, 0.99, 5
 # Maps of this probability or more are named while it cannot be told.
 _NAMED = 0.05
 _FORMAT = "panoloc-floors/1"
@@ -124,22 +124,26 @@ class FloorLocalizer:
     def add_image(self, timestamp: float, image: NDArray[Any] | ImageError) -> Estimate | None:
         """Take one image (see `Localizer.add_image`); the estimate is that of the most probable map."""
         self._images += 1
-        self._belief.predict(self._ways())
-        answers = {name: self._localizers[name].add_image(timestamp, image) for name in self._asked()}
+        ways, best = self._ways(), self.map_name
+        answers = {best: self._localizers[best].add_image(timestamp, image)}
+        if ways or not self._needs_no_other(answers[best]):
+            answers |= {name: self._localizers[name].add_image(timestamp, image) for name in self._names if name != best}
         self._estimates |= {name: estimate for name, estimate in answers.items() if estimate is not None}
         if all(estimate is None for estimate in answers.values()):
             return None
+        carried = _carried_off(answers[best])
+        self._belief.predict(ways, carried)
+        if len(answers) == 1 < len(self._names):
+            return self._judged(answers)
         fields = [None if (answer := answers.get(name)) is None else answer.vote_field for name in self._names]
-        self._belief.update(how_well_each_fits(fields), self._new_since_last())
+        self._belief.update(how_well_each_fits(fields), max(self._new_since_last(), carried))
         return self._judged(answers)
 
-    def _asked(self) -> Sequence[str]:
-        """Maps that see this image: the one that is known, or all."""
-        best = self.map_name
-        known = self._belief.probabilities.max() >= _SURE and best in self._estimates
-        if known and self._estimates[best].status is Status.CONVERGED and self._images % _ASKED_EVERY and not self._ways():
-            return (best,)
-        return self._names
+    def _needs_no_other(self, answer: Estimate | None) -> bool:
+        """Whether the answer on the most probable map is enough, and the other maps need not see the image."""
+        if self._belief.probabilities.max() < _CERTAIN or self._images % _ASKED_EVERY == 0:
+            return False
+        return answer is None or answer.status is Status.CONVERGED
 
     def _ways(self) -> dict[int, int]:
         """Other maps that the robot may be on when the next image comes, by the map where it is near a transition."""
@@ -152,7 +156,7 @@ class FloorLocalizer:
         return ways
 
     def _new_since_last(self) -> float:
-        """How much of an image is new, by the way from the last one: a robot that stands sees the same again."""
+        """How much of an image is new, by the way from the last one that all maps saw: a robot that stands sees the same again."""
         best = self.map_name
         pose = self._estimates[best].pose if best in self._estimates else None
         before, self._seen = self._seen, None if pose is None else (best, pose)
@@ -276,6 +280,12 @@ class FloorLocalizer:
     def counts(self) -> dict[str, int]:
         """As `Localizer.counts`, of the most probable map; and the images of all."""
         return self.localizer.counts | {"images": self._images}
+
+
+def _carried_off(answer: Estimate | None) -> float:
+    """Probability that the robot is not where odometry led."""
+    elsewhere = math.nan if answer is None else answer.state.elsewhere
+    return 0.0 if math.isnan(elsewhere) else elsewhere
 
 
 def _beside(path: Path, number: int) -> Path:

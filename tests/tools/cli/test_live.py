@@ -8,6 +8,7 @@ import sys
 import time
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -37,6 +38,50 @@ def setup(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Dataset]:
 
 def lines(text: str) -> list[dict]:
     return [json.loads(line) for line in text.splitlines() if line.startswith("{")]
+
+
+def test_a_robot_on_one_of_two_floors(setup, tmp_path: Path, capsys) -> None:
+    folder, dataset = setup
+    shutil.copy(folder / "room.panomap", tmp_path / "ground.panomap")
+    upside_down = tmp_path / "other"
+    shutil.copytree(dataset.path, upside_down)
+    for file in (upside_down / "references").glob("*.png"):
+        image = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+        assert image is not None
+        cv2.imwrite(str(file), np.ascontiguousarray(image[::-1]))
+    PanoramaMap.build(read_dataset(upside_down)).save(tmp_path / "first.panomap")
+    text = (folder / "live.yaml").read_text().splitlines()
+    maps = f"maps: [{tmp_path / 'ground.panomap'}, {tmp_path / 'first.panomap'}]"
+    lift = "transitions: [{between: [ground, first], at: [[0, 0], [0, 0]]}]"
+    config = tmp_path / "live.yaml"
+    config.write_text("\n".join([maps, lift, *text[1:]]).replace(str(folder / "state.npz"), str(tmp_path / "state.npz")))
+    assert main(["live", str(config)]) == 0
+    answers = lines(capsys.readouterr().out)
+    assert [answer["map"] for answer in answers[-3:]] == ["ground"] * 3
+    assert answers[-1]["status"] == "converged"
+    assert sorted(path.name for path in tmp_path.glob("state*.npz")) == ["state.0.npz", "state.1.npz", "state.npz"]
+    assert main(["check", str(config)]) == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"map": "null"}, "needs map or maps, and not both"),
+        ({"maps": "[a.panomap]"}, "needs map or maps, and not both"),
+        ({"map": "null", "maps": "[a.panomap, b/a.panomap]"}, "two files have one name"),
+        (
+            {"map": "null", "maps": "[a.panomap, b.panomap]", "transitions": "[{between: [a, c], at: [[0, 0], [1, 1]]}]"},
+            "between = c: is none of maps; known: a, b",
+        ),
+        ({"map": "null", "maps": "[a.panomap]", "transitions": "[{between: [a], at: [[0, 0], [1, 1]]}]"}, "between"),
+    ],
+)
+def test_maps_that_cannot_be_are_one_line(setup, change: dict[str, str], said: str, capsys) -> None:
+    words = [word for key, value in change.items() for word in ("--set", f"{key}={value}")]
+    assert main(["live", str(setup[0] / "live.yaml"), *words]) == 2
+    told = capsys.readouterr().err.splitlines()
+    assert len(told) == 1
+    assert said in told[0]
 
 
 def test_poses_come_out_and_what_was_seen_is_recorded(setup, tmp_path: Path, capsys) -> None:
