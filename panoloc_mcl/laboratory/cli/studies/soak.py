@@ -12,11 +12,16 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """``--dataset``, ``--updates``, ``--modes``, ``--seed``."""
+    """``--dataset``, ``--updates``, ``--modes``, ``--anew``, ``--seed``."""
     parser.add_argument("--dataset", default="hall", metavar="DATASET", help="a data set with ground truth, or an embedded one")
     parser.add_argument("--updates", type=at_least(1), default=1000, metavar="N", help="images in each mode")
     parser.add_argument(
         "--modes", nargs="+", choices=["monte_carlo", "kalman_orientation"], default=["monte_carlo", "kalman_orientation"]
+    )
+    parser.add_argument(
+        "--anew",
+        action="store_true",
+        help="compare every image with the map when it comes, and track, as a robot does; several times slower",
     )
     parser.add_argument("--seed", type=at_least(0), default=0, metavar="N")
 
@@ -27,7 +32,7 @@ def execute(args: argparse.Namespace) -> Report:
     from panoloc_mcl.tools.cli.monitor import monitor
 
     with monitor() as watching:
-        return study(args.dataset, args.updates, args.seed, tuple(args.modes), watching.progress)
+        return study(args.dataset, args.updates, args.seed, tuple(args.modes), watching.progress, args.anew)
 
 
 COMMAND = Reporting("soak", "hours of driving with random faults, and what must hold after every image", add_arguments, execute)

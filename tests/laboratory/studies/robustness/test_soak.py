@@ -34,6 +34,14 @@ def test_nothing_breaks_in_half_a_minute(mode, small_room: Dataset) -> None:
 
 
 @pytest.mark.slow
+def test_nothing_breaks_where_every_image_is_compared_anew(small_room: Dataset) -> None:
+    found = soak(small_room, "monte_carlo", 150, seed=5, anew=True)
+    assert found.raised.total() == 0
+    assert found.broken.total() == 0
+    assert found.updates == 150
+
+
+@pytest.mark.slow
 def test_it_is_told_in_tables(small_room: Dataset) -> None:
     text = study(str(small_room.path), updates=20, seed=0, modes=("monte_carlo",)).markdown()
     assert "sure and wrong" in text

@@ -33,7 +33,8 @@ class RememberedModel:
         self._by_heading: dict[int, VoteField | ImageError] = {}
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):
+        # Where a pose is expected, the answer depends on that, too, so no image is measured from there.
+        if name.startswith("__") or name == "observe_near":
             raise AttributeError(name)
         return getattr(self._model, name)
 

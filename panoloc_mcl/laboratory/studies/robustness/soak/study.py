@@ -71,6 +71,7 @@ def study(
     seed: int = 0,
     modes: tuple[Mode, ...] = ("monte_carlo", "kalman_orientation"),
     progress: Progress = no_progress,
+    anew: bool = False,
 ) -> Report:
     """Drive to and fro over a data set's sequences with random faults.
 
@@ -83,6 +84,8 @@ def study(
     seed : int
     modes : tuple of str
     progress : callable (done, total, what)
+    anew : bool
+        Compare an image with the map each time that it comes, as a robot does; otherwise its answer is remembered, and tracking is off.
     """
     data = read_dataset(resolve_dataset(dataset))
     report = Report(
@@ -105,7 +108,7 @@ def study(
         ),
     )
     kinds = report.table("Faults", ("fault", *modes, *(f"sure and wrong after it, {mode}" for mode in modes)))
-    found = {mode: soak(data, mode, updates, seed, progress) for mode in modes}
+    found = {mode: soak(data, mode, updates, seed, progress, anew) for mode in modes}
     for mode, one in found.items():
         table.add(
             mode,
@@ -124,19 +127,20 @@ def study(
     return report
 
 
-def soak(data: Dataset, mode: Mode, updates: int, seed: int, progress: Progress = no_progress) -> Findings:
+def soak(data: Dataset, mode: Mode, updates: int, seed: int, progress: Progress = no_progress, anew: bool = False) -> Findings:
     """One localizer in one mode."""
     config = LocalizerConfig(seed=seed, localizer=LocalizerSettings(mode=mode, initial="known_pose"))
     panorama_map = cached_map(data, config.observation, 0)
     drives = [drive for drive in data.sequences.values() if drive.groundtruth is not None and len(drive) > 2]
     world = World(drives, np.random.default_rng(seed))
+    model = panorama_map.observation_model(config.observation)
     localizer = Localizer(
         panorama_map,
         config,
         camera=drives[0].camera,
         image_size=drives[0].image_size,
         start_pose=tuple(world.pose.tolist()),
-        model=cast(ObservationModel, RememberedModel(panorama_map.observation_model(config.observation))),
+        model=model if anew else cast(ObservationModel, RememberedModel(model)),
     )
     found, in_row, last_fault = Findings(), 0, "none"
     begin = time.perf_counter()
