@@ -20,29 +20,32 @@ class Agreement:
     """How far an image and the view synthesised at a pose show the same, over what both show.
 
     The sectors are voters: at the true pose nearly all of them agree, and those that do not are hidden; at a wrong one a few do by
-    chance.
+    chance. So are bands of rows: at a place that has the floor of the true one, only the lower ones agree.
 
     Parameters
     ----------
     cosine : float
         Of all pixels together: 1 when they are the same.
     sectors : float64 (s,)
-        The same for every sector of the circle; NaN where nothing is seen.
+        The same for every sector of the circle, in every band of rows; NaN where nothing is seen.
+    weakest : float
+        The same for the band of rows that agrees least, of those where much is seen.
     """
 
     cosine: float
     sectors: NDArray[np.float64]
+    weakest: float
 
     @classmethod
     def of_columns(cls, common: NDArray[np.float64], first: NDArray[np.float64], second: NDArray[np.float64]) -> Agreement:
-        """From inner products and squared norms of every column, float64 (columns,)."""
-        edges = np.linspace(0, len(common), min(_SECTORS, len(common)), endpoint=False).astype(np.int64)
-        summed, one, other = (np.add.reduceat(part, edges) for part in (common, first, second))
-        # Where hardly anything is seen, chance alone would vote.
-        seen = np.minimum(one, other) > _SEEN * np.minimum(one, other).mean()
-        sectors = np.full(len(edges), np.nan)
-        sectors[seen] = summed[seen] / np.sqrt(one[seen] * other[seen])
-        return cls(float(common.sum() / np.sqrt(max(first.sum() * second.sum(), 1e-24))), sectors)
+        """From inner products and squared norms of every column, float64 (columns,), or of every band and column (bands, columns)."""
+        bands = [np.atleast_2d(part) for part in (common, first, second)]
+        columns = bands[0].shape[1]
+        edges = np.linspace(0, columns, min(_SECTORS, columns), endpoint=False).astype(np.int64)
+        sectors = _cosines(*(np.add.reduceat(part, edges, axis=1) for part in bands)).ravel()
+        by_band = _cosines(*(part.sum(axis=1) for part in bands))
+        cosine = float(common.sum() / np.sqrt(max(first.sum() * second.sum(), 1e-24)))
+        return cls(cosine, sectors, float(np.nanmin(by_band)) if np.isfinite(by_band).any() else cosine)
 
     @property
     def unanimity(self) -> float:
@@ -52,6 +55,15 @@ class Agreement:
             return 0.0
         spread = float(seen.std(ddof=1))
         return float(seen.mean() * np.sqrt(len(seen))) / max(spread, 1e-3)
+
+
+def _cosines(common: NDArray[np.float64], first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Agreement of every part; NaN where hardly anything is seen, as chance alone would vote there."""
+    least = np.minimum(first, second)
+    seen = least > _SEEN * least.mean()
+    found = np.full(common.shape, np.nan)
+    found[seen] = common[seen] / np.sqrt(first[seen] * second[seen])
+    return found
 
 
 @dataclass(frozen=True, eq=False)

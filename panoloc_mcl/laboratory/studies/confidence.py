@@ -14,7 +14,8 @@ from panoloc_mcl.laboratory.reports import Number, Rate, Report
 from panoloc_mcl.laboratory.studies.single_images import Verdict, Viewer, counted, frames_of
 from panoloc_mcl.robot.errors import ConfigError
 from panoloc_mcl.robot.observation import VotesModel
-from panoloc_mcl.robot.observation.calibration import expected_calibration_error, log_loss, right_within
+from panoloc_mcl.robot.observation.calibration import right_within
+from panoloc_mcl.robot.observation.regression import expected_calibration_error, log_loss
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.tools.config import RunConfig
 from panoloc_mcl.tools.datasets import read_dataset, resolve_dataset

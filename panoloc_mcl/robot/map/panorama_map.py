@@ -1,13 +1,7 @@
-"""The map: reference panoramas, and everything that an observation model precomputed from them, in one file.
-
-The file is a safetensors container: raw arrays behind a JSON header, read without executing anything, checked for truncation at load,
-mapped into memory as it is, and readable from other languages. (HDF5 is a bigger dependency for the same arrays; npz has no place
-for settings but pickled objects or arrays of text.)
-"""
+"""The map: reference panoramas, and everything that an observation model precomputed from them, in one file."""
 
 from __future__ import annotations
 
-import json
 import os
 import warnings
 from collections.abc import Sequence
@@ -17,13 +11,11 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save as safetensors_bytes
 from threadpoolctl import threadpool_limits
 
 from panoloc_mcl.robot.camera import Camera, PanoramaGeometry, Unwrapper, camera_from_mapping, to_mapping
 from panoloc_mcl.robot.errors import MapError, PanolocError
-from panoloc_mcl.robot.files import known_errors, write_atomically
+from panoloc_mcl.robot.map import map_file
 from panoloc_mcl.robot.map.drives import Drive
 from panoloc_mcl.robot.map.drives.mapping import map_drives
 from panoloc_mcl.robot.map.headings import with_headings
@@ -38,7 +30,6 @@ from panoloc_mcl.robot.settings.map import MapSettings
 from panoloc_mcl.robot.settings.observation import ObservationSettings, all_observation_settings
 from panoloc_mcl.robot.synthesis.explained_rows import explained
 
-FORMAT = "panoloc-map/1"
 _LEAST_SEEN = 0.5
 _HEIGHT_TOLERANCE = 0.25
 
@@ -246,10 +237,9 @@ class PanoramaMap:
             **{f"model.{name}": np.ascontiguousarray(array) for name, array in self.arrays.items()},
         }
         if references.valid is not None:
-            tensors["references.valid"] = _kept(references.valid)
+            tensors["references.valid"] = map_file.kept_masks(references.valid)
         geometry = references.geometry
         header = {
-            "format": FORMAT,
             "name": self.name,
             "camera": to_mapping(self.camera),
             "image_size": list(self.image_size),
@@ -260,12 +250,7 @@ class PanoramaMap:
             "seed": self.seed,
             "notes": list(self.notes),
         }
-        # One entry only: safetensors writes several in an order that changes from call to call.
-        metadata = {"map": json.dumps(header, sort_keys=True)}
-        try:
-            write_atomically(Path(path), safetensors_bytes(tensors, metadata))
-        except SafetensorError as error:
-            raise MapError(f"{path}: cannot be written ({error})") from error
+        map_file.write(Path(path), header, tensors)
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
@@ -276,17 +261,7 @@ class PanoramaMap:
         MapError
             Missing, truncated, not a map, or of a newer format.
         """
-        path = Path(path)
-        with known_errors(MapError, path):
-            found = path.is_file()
-        if not found:
-            raise MapError(f"{path}: no such map file; build one with: panoloc build-map DATASET -o {path}")
-        try:
-            with safe_open(path, framework="numpy") as container:
-                header = _header_of(container.metadata() or {}, path)
-                tensors = {name: container.get_tensor(name) for name in container.keys()}  # noqa: SIM118
-        except (SafetensorError, OSError, TypeError) as error:
-            raise MapError(f"{path}: not a map file, or cut short ({error}); build it again with panoloc build-map") from error
+        header, tensors = map_file.read(Path(path))
         try:
             return cls._from_file(header, tensors, str(path))
         except (LookupError, ValueError, TypeError, AttributeError, PanolocError) as error:
@@ -301,7 +276,7 @@ class PanoramaMap:
         camera = camera_from_mapping(header["camera"], source)
         references = ReferencePanoramas(
             pixels=pixels,
-            valid=_masks(tensors.get("references.valid"), len(pixels)),
+            valid=map_file.masks(tensors.get("references.valid"), len(pixels)),
             positions=positions,
             names=tuple(header["files"]),
             geometry=PanoramaGeometry(pixels.shape[2], pixels.shape[1], *header["elevation_deg"]),
@@ -314,14 +289,10 @@ class PanoramaMap:
             (header["image_size"][0], header["image_size"][1]),
             all_observation_settings().model_validate(header["observation"]),
             header["seed"],
-            _part(tensors, "model"),
-            _keyframes(references, _part(tensors, "keyframes"), header.get("keyframes")),
+            map_file.part(tensors, "model"),
+            _keyframes(references, map_file.part(tensors, "keyframes"), header.get("keyframes")),
             tuple(str(note) for note in header.get("notes", ())),
         )
-
-
-def _part(tensors: dict[str, NDArray[Any]], name: str) -> dict[str, NDArray[Any]]:
-    return {key.removeprefix(f"{name}."): array for key, array in tensors.items() if key.startswith(f"{name}.")}
 
 
 def _keyframes(references: ReferencePanoramas, arrays: dict[str, NDArray[Any]], header: dict[str, Any] | None) -> Keyframes:
@@ -329,25 +300,3 @@ def _keyframes(references: ReferencePanoramas, arrays: dict[str, NDArray[Any]], 
     if header is None:
         return Keyframes.surveyed(references.names, np.pad(references.positions, ((0, 0), (0, 1))))
     return Keyframes.restored(references.names, arrays, header)
-
-
-def _kept(valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Masks of the references as the file keeps them: one (rows, columns) where all are the same."""
-    return valid[0] if valid.strides[0] == 0 or bool((valid == valid[0]).all()) else valid
-
-
-def _masks(kept: NDArray[np.bool_] | None, count: int) -> NDArray[np.bool_] | None:
-    if kept is None or kept.ndim == 3:
-        return kept
-    return np.broadcast_to(kept, (count, *kept.shape))
-
-
-def _header_of(metadata: dict[str, str], path: Path) -> dict[str, Any]:
-    try:
-        header = json.loads(metadata.get("map", "{}"))
-    except ValueError as error:
-        raise MapError(f"{path}: the map's header is damaged ({error}); build it again with panoloc build-map") from error
-    found = header.get("format") if isinstance(header, dict) else None
-    if not isinstance(header, dict) or found != FORMAT:
-        raise MapError(f"{path}: format is '{found}', this version reads '{FORMAT}'; build the map again")
-    return header

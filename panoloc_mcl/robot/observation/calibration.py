@@ -1,7 +1,8 @@
 """From votes to probabilities, learnt from the references alone.
 
 Every held-out reference is an image whose pose is known and that the map, made from the others, has not seen: as it is, occluded,
-noisy, in other light; and upside down, which is an image of the same statistics that was taken nowhere in the map. From
+noisy, in other light; and upside down, which is an image of the same statistics that was taken nowhere in the map; and with one half
+turned against the other, which is an image of a place beyond the map that shares its floor, or its walls, with a place in it. From
 them follow how far votes at the true pose fall short of the best ones (the temperature of the likelihood), and how sure the best
 pose is, given what the field and the refinement look like (logistic regression, Platt 1999).
 """
@@ -16,12 +17,19 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from panoloc_mcl.robot.camera import Panorama
 from panoloc_mcl.robot.geometry import angle_difference
 from panoloc_mcl.robot.observation.disturbances import bars, blobs, gain, random_pixels, spatial_light
 from panoloc_mcl.robot.observation.field import VoteField
+from panoloc_mcl.robot.observation.regression import (
+    expected_calibration_error,
+    fitted,
+    fitted_apart,
+    log_loss,
+    out_of_fold,
+    probabilities,
+)
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.references import ReferencePanoramas
 from panoloc_mcl.robot.synthesis.spacing import usual_spacing
@@ -40,6 +48,12 @@ _OCCLUDED: Disturb = partial(bars, share=0.6)
 CONDITIONS: tuple[Disturb | None, ...] = (None, _OCCLUDED, _dark_and_noisy, spatial_light, partial(blobs, share=0.4))
 #: And upside down, which was taken nowhere; the second and later ones mirrored, too, so that they are not the same image again.
 NOWHERE: tuple[Disturb | None, ...] = (_OCCLUDED, None, _dark_and_noisy, spatial_light)
+#: And in two: what is above a row is turned against what is below.
+HALVED: tuple[Disturb | None, ...] = (None, spatial_light, None)
+# Rows above it, and by how much they are turned at the least, shares of all.
+_UPPER, _TURNED_APART = (1.0 / 3.0, 2.0 / 3.0), 0.125
+# Numbers that a map file keeps.
+_KEPT = 20
 # A pose is right within a quarter of the references' spacing, and never beyond these, metres; and within an angle. Nearer than the
 # first, the definition of success, it is not a question of right or wrong, but of its covariance: references have errors themselves.
 _RIGHT_IN_SPACINGS, _LEAST_RIGHT_M, _MOST_RIGHT_M = 0.25, 0.5, 1.0
@@ -47,12 +61,9 @@ _RIGHT_WITHIN = np.radians(10.0)
 #: How often the best pose of an image is wrong, before it is seen: one image in three is of nowhere, or hidden, or found astray.
 WRONG_SHARE = 1.0 / 3.0
 # References so near to those that are judged do not teach: they see the same.
-_NEIGHBOURS_IN_SPACINGS, _FEWEST_TEACHERS = 1.5, 4
+_NEIGHBOURS_IN_SPACINGS = 1.5
 # Tolerances that are tried, as a share of the best votes.
 _TOLERANCES = np.geomspace(0.01, 1.0, 41)
-# Weights of the regression stay small where a few images say little.
-_RIDGE = 0.003
-_BINS = 10
 # Cells of a field that stand for all, closer to each other near the best, and how many each stands for.
 _RANKS = (np.arange(256) + 0.5) / 256
 _QUANTILES, _STANDS_FOR = 1.0 - np.square(_RANKS), 2.0 * _RANKS / len(_RANKS)
@@ -76,8 +87,9 @@ class Calibration:
     ----------
     tolerance : float
         Root mean square of how far the votes at the true pose fall short of the best ones, as a share of these.
-    field_weights, refined_weights : float64 (4,) and (5,)
-        Of the logistic regression on `evidence`, the constant first.
+    field_weights, refined_weights : float64 (1, 4) and (2, 6)
+        Of logistic regressions on `evidence`, the constant first: a row for each way to be wrong. The first is to be nowhere, hidden or
+        astray; the second, which only refined poses are asked, is to be at another place that is like the true one in part.
     images : int
         How many images it rests on.
     log_loss, ece : float
@@ -95,32 +107,34 @@ class Calibration:
     def confidence(self, field: VoteField) -> float:
         """Probability that the best pose of a field, refined if it is, is right."""
         weights = self.field_weights if field.measurement is None else self.refined_weights
-        return float(_probabilities(evidence(field)[None], weights)[0])
+        return float(probabilities(evidence(field)[None], weights)[0])
 
     def array(self) -> Float64:
         """All of it, for a map file."""
-        return np.concatenate(
-            [[self.tolerance, self.images, self.log_loss, self.ece], self.field_weights, self.refined_weights]
-        )
+        figures = [self.tolerance, self.images, self.log_loss, self.ece]
+        return np.concatenate([figures, self.field_weights.ravel(), self.refined_weights.ravel()])
 
     @classmethod
     def of_array(cls, values: Float64) -> Calibration:
-        """What `array` gave."""
+        """What `array` gave; KeyError for what a version before did, which looked at other evidence."""
+        if values.shape != (_KEPT,):
+            raise KeyError("calibration")
         tolerance, images, log_loss, ece = (float(value) for value in values[:4])
-        return cls(tolerance, values[4:8], values[8:13], int(images), log_loss, ece)
+        return cls(tolerance, values[4:8].reshape(1, 4), values[8:].reshape(2, 6), int(images), log_loss, ece)
 
 
 def evidence(field: VoteField) -> Float64:
     """What tells a right best pose from a wrong one.
 
     How far the best votes stand out, their lead over the best rival, and either the votes themselves, or how far the image agrees with
-    the view synthesised at the refined pose, and how unanimously. float64 (3,) or, refined, (4,): logarithms.
+    the view synthesised at the refined pose, how unanimously, and how far in that third of its rows where it does least. float64 (3,)
+    or, refined, (5,): logarithms.
     """
     shape = [max(field.standing_out, 1.0), max(field.peak.margin, 3e-3)]
     if field.measurement is None:
         return np.log([*shape, max(field.peak.votes, 1e-2)])
     agreement = field.measurement.agreement
-    return np.log([*shape, max(agreement.cosine, 1e-2), max(agreement.unanimity, 0.3)])
+    return np.log([*shape, max(agreement.cosine, 1e-2), max(agreement.unanimity, 0.3), max(agreement.weakest, 1e-2)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,6 +145,7 @@ class _Trial:
     field_right: bool
     refined_right: bool
     upright: bool
+    halved: bool
     shortfall: float
     shortfalls: Float64
 
@@ -176,14 +191,15 @@ def calibrate(
     positions = references.positions[[trial.reference for trial in trials]]
     field_evidence = np.array([trial.field_evidence for trial in trials])
     field_right = np.array([trial.field_right for trial in trials])
-    field_weights = _fitted(field_evidence, field_right, wrong_share)
-    refined_weights = np.zeros(5)
+    whole = np.array([not trial.halved for trial in trials])
+    field_weights = fitted(field_evidence[whole], field_right[whole], wrong_share)[None]
+    refined_weights = np.zeros((2, 6))
     judged, right = field_evidence, field_right
     if trials[0].refined_evidence is not None:
         judged = np.array([trial.refined_evidence for trial in trials])
         right = np.array([trial.refined_right for trial in trials])
-        refined_weights = _fitted(judged, right, wrong_share)
-    probabilities = _out_of_fold(judged, right, positions, _NEIGHBOURS_IN_SPACINGS * spacing, wrong_share)
+        refined_weights = fitted_apart(judged, right, whole, wrong_share)
+    said = out_of_fold(judged, right, whole, positions, _NEIGHBOURS_IN_SPACINGS * spacing, wrong_share)
     shortfalls = np.array([trial.shortfall for trial in trials if trial.field_right])
     tolerance = float(np.sqrt(np.mean(shortfalls**2))) if between else _telling_tolerance(trials)
     if tolerance is None:
@@ -193,8 +209,8 @@ def calibrate(
         field_weights,
         refined_weights,
         len(trials),
-        log_loss(probabilities, right),
-        expected_calibration_error(probabilities, right),
+        log_loss(said, right),
+        expected_calibration_error(said, right),
     )
 
 
@@ -253,13 +269,17 @@ def most_likely_tolerance(shortfalls: Float64, of_map: Float64) -> float | None:
 def _trials(model: HeldOut, references: ReferencePanoramas, index: int, within: float) -> list[_Trial]:
     """Images of a reference, each at a random heading, and what the model without it makes of them; right: ``within`` metres."""
     columns = references.geometry.width
-    trials = []
+    trials: list[_Trial] = []
     upright = references.pixels[index]
     mirrored = upright[::-1, ::-1]
     valid = None if references.valid is None else references.valid[index]
     images = [*((condition, upright) for condition in CONDITIONS), *zip(NOWHERE, [upright[::-1], *[mirrored] * 3], strict=True)]
+    images += [(condition, _halved(upright, np.random.default_rng([index, 0, n]))) for n, condition in enumerate(HALVED)]
     for number, (condition, image) in enumerate(images):
-        upside_down = number >= len(CONDITIONS)
+        of_here, halved = number < len(CONDITIONS), number >= len(CONDITIONS) + len(NOWHERE)
+        if halved and trials and trials[0].refined_evidence is None:
+            # Votes alone do not tell these.
+            break
         rng = np.random.default_rng([index, number])
         shift = int(rng.integers(columns))
         pixels = np.roll(image, -shift, axis=1)
@@ -272,8 +292,8 @@ def _trials(model: HeldOut, references: ReferencePanoramas, index: int, within: 
         pose = np.array([*references.positions[index], -2.0 * np.pi * shift / columns])
         measured = field.measurement
         # The votes alone are no finer than the places.
-        right = not upside_down and _is_right(field.best_pose, pose, max(within, field.places.spacing), field.gives_heading)
-        refined_right = right if measured is None else not upside_down and _is_right(measured.pose, pose, within)
+        right = of_here and _is_right(field.best_pose, pose, max(within, field.places.spacing), field.gives_heading)
+        refined_right = right if measured is None else of_here and _is_right(measured.pose, pose, within)
         best = max(field.peak.votes, 1e-12)
         trials.append(
             _Trial(
@@ -282,7 +302,8 @@ def _trials(model: HeldOut, references: ReferencePanoramas, index: int, within: 
                 None if measured is None else evidence(field),
                 right,
                 refined_right,
-                not upside_down,
+                of_here,
+                halved,
                 max(0.0, 1.0 - field.votes_at(pose) / best),
                 np.asarray(1.0 - np.quantile(field.votes, _QUANTILES) / best, dtype=np.float64),
             )
@@ -292,75 +313,20 @@ def _trials(model: HeldOut, references: ReferencePanoramas, index: int, within: 
 
 def _flipped(valid: NDArray[np.bool_], number: int) -> NDArray[np.bool_]:
     """What is seen of the image of a trial: some are upside down, the later of these mirrored, too."""
-    if number < len(CONDITIONS):
+    if not len(CONDITIONS) <= number < len(CONDITIONS) + len(NOWHERE):
         return valid
     return valid[::-1] if number == len(CONDITIONS) else valid[::-1, ::-1]
+
+
+def _halved(image: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+    """An image whose upper part is turned against its lower one."""
+    rows, columns = image.shape[:2]
+    upper, turn = round(rng.uniform(*_UPPER) * rows), round(rng.uniform(_TURNED_APART, 1.0 - _TURNED_APART) * columns)
+    turned = image.copy()
+    turned[:upper] = np.roll(image[:upper], turn, axis=1)
+    return turned
 
 
 def _is_right(pose: Float64, truth: Float64, within: float, gives_heading: bool = True) -> bool:
     turned = abs(float(angle_difference(pose[2], truth[2])))
     return bool(np.hypot(*(pose - truth)[:2]) <= within + 1e-9 and (not gives_heading or turned <= _RIGHT_WITHIN))
-
-
-def _probabilities(evidence: Float64, weights: Float64) -> Float64:
-    return np.asarray(0.5 * (1.0 + np.tanh(0.5 * (weights[0] + evidence @ weights[1:]))))
-
-
-def _fitted(evidence: Float64, right: NDArray[np.bool_], wrong_share: float | None = None) -> Float64:
-    """Weights of a logistic regression with a little ridge, in units of the evidence's own spread.
-
-    Trials count so that those that are wrong make up ``wrong_share``; all alike if left out.
-    """
-    mean, spread = evidence.mean(axis=0), np.maximum(evidence.std(axis=0), 1e-9)
-    scaled = (evidence - mean) / spread
-    signs = np.where(right, 1.0, -1.0)
-    counts = np.full(len(right), 1.0 / len(right))
-    if wrong_share is not None and right.any() and not right.all():
-        counts = np.where(right, (1.0 - wrong_share) / right.sum(), wrong_share / (~right).sum())
-
-    def loss(weights: Float64) -> tuple[float, Float64]:
-        reached = signs * (weights[0] + scaled @ weights[1:])
-        pull = -counts * signs * 0.5 * (1.0 - np.tanh(0.5 * reached))
-        gradient = np.concatenate([[pull.sum()], pull @ scaled + 2.0 * _RIDGE * weights[1:]])
-        # The constant, too: where all images were right, it would grow for ever.
-        gradient[0] += 2.0 * 1e-3 * weights[0]
-        ridge = _RIDGE * weights[1:] @ weights[1:] + 1e-3 * weights[0] ** 2
-        return float(counts @ np.logaddexp(0.0, -reached) + ridge), gradient
-
-    # Here, since a robot that runs does not need it.
-    from scipy.optimize import minimize
-
-    found = minimize(loss, np.zeros(evidence.shape[1] + 1), jac=True, method="BFGS").x
-    weights = found[1:] / spread
-    return np.concatenate([[found[0] - weights @ mean], weights])
-
-
-def _out_of_fold(evidence: Float64, right: NDArray[np.bool_], positions: Float64, gap: float, wrong_share: float) -> Float64:
-    """Probabilities from weights that were learnt on the other side of the map, and not from neighbours of what is judged."""
-    axis = int(np.argmax(np.ptp(positions, axis=0)))
-    side = positions[:, axis] > np.median(positions[:, axis])
-    if side.all() or not side.any():
-        # All in one line across: every second one.
-        side = np.arange(len(right)) % 2 == 0
-    probabilities = np.empty(len(right))
-    for judged in (side, ~side):
-        apart = cKDTree(positions[judged]).query(positions)[0]
-        teachers = ~judged & (apart > gap)
-        if len(np.unique(positions[teachers], axis=0)) < _FEWEST_TEACHERS:
-            teachers = ~judged
-        probabilities[judged] = _probabilities(evidence[judged], _fitted(evidence[teachers], right[teachers], wrong_share))
-    return probabilities
-
-
-def log_loss(probabilities: Float64, right: NDArray[np.bool_]) -> float:
-    """Mean negative logarithm of the probability (n,) given to what was the case, nats."""
-    given = np.where(right, probabilities, 1.0 - probabilities)
-    return float(-np.log(np.maximum(given, 1e-12)).mean())
-
-
-def expected_calibration_error(probabilities: Float64, right: NDArray[np.bool_]) -> float:
-    """Mean distance between what was said and what was the case, over ten bins of probability (n,) (Guo et al. 2017)."""
-    bins = np.minimum((probabilities * _BINS).astype(np.int64), _BINS - 1)
-    said = np.bincount(bins, probabilities, _BINS)
-    was = np.bincount(bins, right.astype(np.float64), _BINS)
-    return float(np.abs(said - was).sum() / len(right))

@@ -8,6 +8,7 @@ references' features are warped as they are. The last steps warp the images and 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache, partial
 from typing import Any, NamedTuple
@@ -17,14 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from panoloc_mcl.robot.eigenspace.gradients import orientations, pad_circular
+from panoloc_mcl.robot.eigenspace.gradients import orientations
 from panoloc_mcl.robot.geometry import wrap_angle
 from panoloc_mcl.robot.kernels.alignment import column_products, normal_equations, sector_pulls
-from panoloc_mcl.robot.kernels.warping import features_of_planes, turned_table
+from panoloc_mcl.robot.kernels.warping import turned_table
 from panoloc_mcl.robot.measurement import Agreement, PoseMeasurement
-from panoloc_mcl.robot.references import ReferencePanoramas
 from panoloc_mcl.robot.settings.observation import RefinementSettings, VotesSettings
 from panoloc_mcl.robot.synthesis.equations import Equations
+from panoloc_mcl.robot.synthesis.planes import planes_of, read_planes, source_planes
 from panoloc_mcl.robot.synthesis.views import MARGIN, ViewSynthesizer
 
 Float64 = NDArray[np.float64]
@@ -59,6 +60,8 @@ def _steps(settings: RefinementSettings, columns: int) -> tuple[list[Step], list
 _COARSE = ((4, 5.0), (4, 5.0), (2, 2.0), (2, 2.0))
 # At full resolution every second row is enough: smoothing and gradients make neighbouring rows say nearly the same.
 _FINE_ROWS_EVERY = 2
+# Bands of rows that agreement is looked at in; images of few rows have one.
+_BANDS, _FEWEST_ROWS = 3, 12
 # Sectors whose pulls are taken as independent, so many over the circle: 12 degrees, over which depths are smoothed.
 _SECTORS = 30
 # An image of the map comes to rest after two or three steps at full resolution. One that has not after so many is looked for around, by
@@ -95,7 +98,7 @@ class PoseRefiner:
         self._settings = settings
         self._tree = cKDTree(synthesizer.references.positions)
         # Not of a method: what is kept would keep the refiner, and itself, until the garbage is collected.
-        self._source_planes = lru_cache(maxsize=_KEPT_FEATURES)(partial(_source_planes, synthesizer.references, settings))
+        self._source_planes = lru_cache(maxsize=_KEPT_FEATURES)(partial(source_planes, synthesizer.references, settings))
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Pickled without what it keeps.
@@ -124,7 +127,7 @@ class PoseRefiner:
             Where to begin.
         """
         _, fine = _steps(self._settings.refinement, z.shape[1])
-        planes = {fine[0].sigma: _planes(z, usable, fine[0].sigma)}
+        planes = {fine[0].sigma: planes_of(z, usable, fine[0].sigma)}
         return self._refined_to_the_end(planes, fine, np.array(pose, dtype=np.float64), np.zeros(2))
 
     def follow(self, z: Complex64, usable: Bool, pose: Float64) -> PoseMeasurement:
@@ -138,7 +141,7 @@ class PoseRefiner:
         """
         coarse, fine = _steps(self._settings.refinement, z.shape[1])
         steps = coarse[len(coarse) // 2 :]
-        planes = {sigma: _planes(z, usable, sigma) for sigma in {step.sigma for step in (*steps, *fine)}}
+        planes = {sigma: planes_of(z, usable, sigma) for sigma in {step.sigma for step in (*steps, *fine)}}
         start, tilt, _, _ = self._descended(planes, steps, np.array(pose, dtype=np.float64), np.zeros(2))
         return self._refined_to_the_end(planes, fine, start, tilt, _LAST_OF_FOLLOWED)
 
@@ -166,7 +169,7 @@ class PoseRefiner:
             Agreement that was reached from each pose tried.
         """
         coarse, fine = _steps(self._settings.refinement, z.shape[1])
-        planes = {sigma: _planes(z, usable, sigma) for sigma in {step.sigma for step in (*coarse, *fine)}}
+        planes = {sigma: planes_of(z, usable, sigma) for sigma in {step.sigma for step in (*coarse, *fine)}}
         approached: list[tuple[Float64, Float64, Equations]] = []
         for pose in poses:
             approached.append(self._descended(planes, coarse, np.array(pose, dtype=np.float64), np.zeros(2))[:3])
@@ -251,20 +254,19 @@ class PoseRefiner:
         floor, tangents = (np.ascontiguousarray(part[:: step.stride]) for part in (rays.floor, rays.tangents))
         normal, right = np.zeros((5, 5)), np.zeros(5)
         residual = pixels = 0.0
-        columns, pulls = np.zeros((3, query.shape[1])), np.zeros((_SECTORS, 5))
+        bands = _bands(query.shape[0], step)
+        columns, pulls = np.zeros((3, len(bands), query.shape[1])), np.zeros((_SECTORS, 5))
         for weight, source in zip(weights, indices, strict=True):
             profile = self._synthesizer.profile_at(int(source), position)
             view, view_usable = self._view(int(source), position, profile, step)
-            products = column_products(
-                view,
-                view_usable,
-                query,
-                query_usable,
-                np.ascontiguousarray(profile[:: step.stride]),
-                floor,
-                tangents,
-                _FINE_ROWS_EVERY if step.fine else 1,
-            )
+            walls, every = np.ascontiguousarray(profile[:: step.stride]), _FINE_ROWS_EVERY if step.fine else 1
+            by_band = [
+                column_products(
+                    view[rows], view_usable[rows], query[rows], query_usable[rows], walls, floor[rows], tangents[rows], every
+                )
+                for rows in bands
+            ]
+            products = np.sum(by_band, axis=0)
             chosen = _agreeing(products[-3:])
             part = normal_equations(products, chosen, rays.row_step * step.stride)
             pulls += weight * sector_pulls(products, chosen, rays.row_step * step.stride, _SECTORS)
@@ -272,7 +274,7 @@ class PoseRefiner:
             right += weight * part[1]
             residual += weight * part[2]
             pixels += weight * part[3]
-            columns += products[-3:]
+            columns += np.stack([part[-3:] for part in by_band], axis=1)
         return Equations(normal, right, residual, pixels, Agreement.of_columns(*columns), pulls)
 
     def sources_at(self, position: Float64) -> tuple[Float64, Float64]:
@@ -293,7 +295,7 @@ class PoseRefiner:
         if step.fine:
             return orientations(self._synthesizer.view(source, position, profile), self._settings)
         map_x, map_y = self._synthesizer.table(source, position, profile, step.stride)
-        return _read(self._source_planes(source, step.sigma), map_x, map_y)
+        return read_planes(self._source_planes(source, step.sigma), map_x, map_y)
 
     def _turned_back(self, planes: Float32, heading: float, tilt: Float64, stride: int) -> tuple[Complex64, Bool]:
         """Features as an upright camera would have seen them at heading 0."""
@@ -301,7 +303,17 @@ class PoseRefiner:
         azimuths = np.arange(0, columns, stride) * (-2.0 * np.pi / columns)
         rotation, _ = cv2.Rodrigues(np.array([*_turned(tilt, -heading)[::-1], 0.0]))
         tangents = np.ascontiguousarray(rays.tangents[::stride])
-        return _read(planes, *turned_table(tangents, azimuths, heading, rotation, rays.top, rays.row_step, columns, MARGIN))
+        return read_planes(
+            planes, *turned_table(tangents, azimuths, heading, rotation, rays.top, rays.row_step, columns, MARGIN)
+        )
+
+
+def _bands(rows: int, step: Step) -> list[slice]:
+    """Thirds of the rows, where all are looked at closely; the first and last row of each only lend to their neighbours."""
+    count = _BANDS if step.fine and rows >= _FEWEST_ROWS else 1
+    # Odd, so that every second row is the same as without bands.
+    edges = [1, *(2 * (rows * band // (2 * count)) + 1 for band in range(1, count)), rows - 1]
+    return [slice(first - 1, last + 1) for first, last in itertools.pairwise(edges)]
 
 
 def _turned(tilt: Float64, angle: float) -> Float64:
@@ -324,29 +336,3 @@ def _agreeing(columns: Float64) -> Bool:
     agreement = summed[0] / np.sqrt(np.maximum(summed[1] * summed[2], 1e-12))
     upper_quartile = np.partition(agreement, 3 * count // 4)[3 * count // 4]
     return np.asarray(agreement >= _AGREEING_SHARE * upper_quartile)
-
-
-def _source_planes(references: ReferencePanoramas, settings: VotesSettings, source: int, sigma: float) -> Float32:
-    return _planes(*orientations(references.panorama(source), settings), sigma)
-
-
-def _planes(z: Complex64, usable: Bool, sigma: float) -> Float32:
-    """Real part, imaginary part, usability and nothing, smoothed and continued across the seam: (rows, columns + 2 MARGIN, 4)."""
-    # Two boxes of n pixels have the variance (n^2 - 1) / 6; they take the same time for any n.
-    box = 2 * round(0.5 * (np.sqrt(6.0 * sigma**2 + 1.0) - 1.0)) + 1
-    margin = MARGIN + box
-    planes = np.empty((z.shape[0], z.shape[1] + 2 * margin, 4), dtype=np.float32)
-    planes[..., 0] = pad_circular(z.real, margin)
-    planes[..., 1] = pad_circular(z.imag, margin)
-    planes[..., 2] = pad_circular(usable, margin)
-    planes[..., 3] = 0.0
-    if box > 1:
-        smooth = cv2.blur(cv2.blur(planes, (box, box)), (box, box))
-        # A pixel is as usable as it was; only what is compared is smoothed.
-        smooth[..., 2] = planes[..., 2]
-        planes = smooth
-    return np.ascontiguousarray(planes[:, box : planes.shape[1] - box])
-
-
-def _read(planes: Float32, map_x: Float32, map_y: Float32) -> tuple[Complex64, Bool]:
-    return features_of_planes(cv2.remap(planes, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT))

@@ -50,9 +50,9 @@ class RerunOutput:
     """
 
     def __init__(self, localizer: AnyLocalizer, target: str) -> None:
-        self._localizer = localizer
+        self._localizer, panorama_map = localizer, localizer.panorama_map
         self._sink = RerunSink(None if target == "live" else Path(target))
-        self._sink.open(Scene("live", localizer.panorama_map.references, localizer.places, (0,)))
+        self._sink.open(Scene("live", panorama_map.references, localizer.places, (0,), panorama_map.keyframes))
         self._sink.begin(Departure("live", 0, *localizer.particles))
         self._row = 0
 

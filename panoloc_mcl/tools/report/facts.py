@@ -16,6 +16,7 @@ _SHOWN = {
     "mode": "mode",
     "initial": "initial pose",
     "model": "observation model",
+    "map": "map",
     "seed": "seed",
     "runs": "runs of each sequence",
     "kidnap_every_frames": "kidnapped every (frames)",

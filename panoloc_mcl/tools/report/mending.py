@@ -8,12 +8,17 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from panoloc_mcl.robot.files import write_atomically
-from panoloc_mcl.robot.map.keyframes import KINDS, Keyframes
+from panoloc_mcl.robot.map.keyframes import KINDS, LOOP, Keyframes
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 
 _SHOWN = 8
+# A relative pose with less than this weight is contradicted by the others.
+_BORNE_OUT = 0.5
+#: Kinds of lines that a picture of the graph has, in the order of `line_kinds`.
+LINES = ("relative pose", "met again", "contradicted")
 
 
 def is_mended(keyframes: Keyframes) -> bool:
@@ -44,7 +49,7 @@ def graph_values(keyframes: Keyframes) -> dict[str, object]:
     return {
         "keyframes": len(keyframes),
         "edges": kinds,
-        "edges_borne_out": int(np.sum(edges.weights >= 0.5)),
+        "edges_borne_out": int(np.sum(edges.weights >= _BORNE_OUT)),
         "sd_xy_m_median": float(np.median(sds[:, 0])),
         "sd_theta_deg_median": float(np.degrees(np.median(sds[:, 1]))),
         "moved_m_median": float(np.median(keyframes.moved_m)),
@@ -52,6 +57,25 @@ def graph_values(keyframes: Keyframes) -> dict[str, object]:
         "placed_anew": list(keyframes.placed_anew),
         "left_out": dict(keyframes.left_out),
         "drives": sorted({drive for drive in keyframes.drives if drive}),
+    }
+
+
+def line_kinds(keyframes: Keyframes) -> NDArray[np.int64]:
+    """What each relative pose is drawn as: its index in `LINES`."""
+    edges = keyframes.edges
+    return np.where(edges.weights < _BORNE_OUT, 2, np.where(edges.kinds == LOOP, 1, 0))
+
+
+def drawn_graph(keyframes: Keyframes) -> dict[str, object] | None:
+    """The graph for a page: pairs of keyframes by kind of line, and where those that were moved were given; None without any."""
+    edges = keyframes.edges
+    if not len(edges):
+        return None
+    pairs, kinds = np.column_stack([edges.first, edges.second]), line_kinds(keyframes)
+    moved = np.flatnonzero(keyframes.moved_m > 0.0) if not any(keyframes.drives) else np.zeros(0, dtype=np.int64)
+    return {
+        "lines": {name: pairs[kinds == kind].tolist() for kind, name in enumerate(LINES)},
+        "moved": [[int(index), *np.round(keyframes.given[index, :2], 4).tolist()] for index in moved],
     }
 
 
@@ -64,7 +88,7 @@ def graph_lines(keyframes: Keyframes) -> list[tuple[str, str]]:
     )
     lines = [("keyframes", f"{len(keyframes)}" + (f", from {', '.join(drives)}" if drives else ", surveyed"))]
     if len(edges):
-        share = 100.0 * float(np.mean(edges.weights >= 0.5))
+        share = 100.0 * float(np.mean(edges.weights >= _BORNE_OUT))
         lines.append(("relative poses", f"{counted}; {share:.0f} % borne out by the others"))
     lines.append(
         ("standard deviations", f"{100 * np.median(sds[:, 0]):.2f} cm, {np.degrees(np.median(sds[:, 1])):.3f} degrees (median)")

@@ -4,6 +4,8 @@ On the timelines ``image`` (all images of the run, one sequence after the other)
 
 ========================  ==============================================================================
 ``map/references``        where the references were taken
+``map/graph/...``         relative poses between keyframes: of neighbours, of places met again, and contradicted by the others
+``map/moved``             from where references were given to where they are
 ``map/votes``             the places, coloured by the votes of their best heading
 ``robot/particles``       a few thousand of them at most
 ``robot/estimate``        pose as an arrow; ``robot/truth`` likewise
@@ -27,7 +29,9 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.robot.errors import OutputError
 from panoloc_mcl.robot.geometry import FloatArray, angle_difference
+from panoloc_mcl.robot.map.keyframes import Keyframes
 from panoloc_mcl.tools.evaluation import SequenceRecord
+from panoloc_mcl.tools.report.mending import LINES, line_kinds
 from panoloc_mcl.tools.report.results.recording import thinned
 from panoloc_mcl.tools.report.sinks import Departure, Frame, Scene
 
@@ -36,6 +40,7 @@ if TYPE_CHECKING:
 
 _MOST_PARTICLES = 3000
 _BLUE, _ORANGE, _RED, _GREY, _INK = (0, 114, 178), (230, 159, 0), (213, 94, 0), (136, 136, 136), (240, 240, 240)
+_GREEN = (0, 158, 115)
 
 
 class RerunSink:
@@ -73,6 +78,8 @@ class RerunSink:
             self._positions, colors=_GREY, radii=0.04, labels=list(scene.references.names), show_labels=False
         )
         self._stream.log("map/references", points, static=True)
+        if scene.keyframes is not None:
+            self._log_graph(scene.keyframes)
 
     def begin(self, departure: Departure) -> None:
         """Show the belief before the first image."""
@@ -123,6 +130,20 @@ class RerunSink:
         """Hand over all that is still on its way."""
         self._stream.flush()
         self._stream.disconnect()
+
+    def _log_graph(self, keyframes: Keyframes) -> None:
+        """Relative poses as lines by kind, and how far references were moved."""
+        at, edges, kinds = _flat(keyframes.poses[:, :2]), keyframes.edges, line_kinds(keyframes)
+        for kind, (name, color) in enumerate(zip(LINES, (_GREY, _GREEN, _RED), strict=True)):
+            lines = np.stack([at[edges.first], at[edges.second]], axis=1)[kinds == kind]
+            if len(lines):
+                strips = self._rr.LineStrips3D(lines, colors=color, radii=0.004)
+                self._stream.log(f"map/graph/{name.replace(' ', '_')}", strips, static=True)
+        moved = keyframes.moved_m > 0.0
+        if moved.any() and not any(keyframes.drives):
+            given = _flat(keyframes.given[:, :2])
+            arrows = self._rr.Arrows3D(origins=given[moved], vectors=(at - given)[moved], colors=_ORANGE, radii=0.008)
+            self._stream.log("map/moved", arrows, static=True)
 
     def _at(self, image: int) -> None:
         self._stream.set_time("image", sequence=sum(self._images[: self._begun]) + self._begun + image)

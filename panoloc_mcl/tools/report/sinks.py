@@ -15,6 +15,7 @@ from panoloc_mcl.robot.errors import ImageError
 from panoloc_mcl.robot.filters import Estimate
 from panoloc_mcl.robot.geometry import FloatArray
 from panoloc_mcl.robot.images import ImageSource, read_image
+from panoloc_mcl.robot.map.keyframes import Keyframes
 from panoloc_mcl.robot.observation import Places
 from panoloc_mcl.robot.references import ReferencePanoramas
 from panoloc_mcl.tools.evaluation import SequenceRecord
@@ -33,12 +34,15 @@ class Scene:
         That images vote for.
     images : tuple of int
         Number of images of each run to come, in their order.
+    keyframes : Keyframes, optional
+        Of the map, with the relative poses between them.
     """
 
     name: str
     references: ReferencePanoramas
     places: Places
     images: tuple[int, ...]
+    keyframes: Keyframes | None = None
 
 
 @dataclass(frozen=True, eq=False)

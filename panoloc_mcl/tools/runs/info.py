@@ -9,17 +9,21 @@ from datetime import datetime
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
+from panoloc_mcl.robot.map.keyframes import Keyframes
 from panoloc_mcl.tools.config import RunConfig
 from panoloc_mcl.tools.datasets import Dataset
+from panoloc_mcl.tools.report.mending import drawn_graph, graph_lines
 
 
-def run_info(config: RunConfig, dataset: Dataset, command: Sequence[str]) -> dict[str, Any]:
+def run_info(config: RunConfig, dataset: Dataset, command: Sequence[str], keyframes: Keyframes) -> dict[str, Any]:
     """What ``run.json`` says of how a run came about."""
     return {
         "name": config.name,
         "dataset": dataset.name,
         "mode": config.localizer.mode,
         "model": config.observation.model,
+        "map": dict(graph_lines(keyframes)),
+        "graph": drawn_graph(keyframes),
         "initial": config.model_dump(mode="json")["localizer"]["initial"],
         "seed": config.seed,
         "runs": config.runs,

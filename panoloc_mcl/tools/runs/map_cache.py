@@ -14,7 +14,8 @@ from panoloc_mcl.robot.camera import to_mapping
 from panoloc_mcl.robot.errors import MapError, OutputError
 from panoloc_mcl.robot.files import cache_folder, known_errors, write_atomically
 from panoloc_mcl.robot.images import image_bytes
-from panoloc_mcl.robot.map.panorama_map import FORMAT, PanoramaMap
+from panoloc_mcl.robot.map.map_file import FORMAT
+from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.observation import build_settings, model_named
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.settings.config import ObservationSettings

@@ -135,7 +135,7 @@ def run(config: RunConfig, command: Sequence[str] = (), monitor: Monitor | None 
         for line in stamp_findings(drive) or drive_findings(drive, _PAIRS_HELD):
             monitor.notice(line)
     writer = ResultsWriter(config.out, config.name, datetime.now())
-    info = run_info(config, dataset, command)
+    info = run_info(config, dataset, command, panorama_map.keyframes)
     writer.write_config(config.model_dump(mode="json"))
     writer.write_run_info(info)
     writer.write_places(panorama_map.references.names, panorama_map.references.positions)
@@ -143,7 +143,8 @@ def run(config: RunConfig, command: Sequence[str] = (), monitor: Monitor | None 
     trips = [(task, repeat) for task in tasks for repeat in range(config.runs)]
     records = []
     try:
-        sink.open(Scene(panorama_map.name, panorama_map.references, model.places, tuple(len(task.drive) for task, _ in trips)))
+        images = tuple(len(task.drive) for task, _ in trips)
+        sink.open(Scene(panorama_map.name, panorama_map.references, model.places, images, panorama_map.keyframes))
         for task, repeat in trips:
             record, steps, notes = localize(task, repeat, panorama_map, model, config, sink)
             for note in notes:

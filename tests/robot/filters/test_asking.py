@@ -24,7 +24,7 @@ def image_of(*names: str, doubt: float = 0.02, measured: bool = True):
     field = hills(PLACES, *(POSES[name] for name in names))
     if measured:
         covariance = np.diag([0.004, 0.004, np.radians(0.1)]) ** 2
-        agreement = Agreement(0.9, np.full(24, 0.9))
+        agreement = Agreement(0.9, np.full(24, 0.9), 0.9)
         field = field.with_measurement(PoseMeasurement(POSES[names[0]], covariance, np.zeros(2), agreement, 0.5 * covariance))
     return field.judged(1.0 - doubt, "")
 

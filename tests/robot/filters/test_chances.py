@@ -30,7 +30,7 @@ def a_filter(start: Start | None = None, seed: int = 0, **settings) -> MonteCarl
 
 def image_of(pose: np.ndarray, doubt: float = 0.004, covariance: np.ndarray = COVARIANCE):
     field = hills(PLACES, pose).with_measurement(
-        PoseMeasurement(pose, covariance, np.zeros(2), Agreement(0.9, np.full(24, 0.9)))
+        PoseMeasurement(pose, covariance, np.zeros(2), Agreement(0.9, np.full(24, 0.9), 0.9))
     )
     return field.judged(1.0 - doubt, "")
 

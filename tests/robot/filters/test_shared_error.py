@@ -115,11 +115,11 @@ def test_what_a_map_errs_by_as_a_whole_is_shared_by_all_images(way: float) -> No
     frame = np.diag([9e-5, 9e-5, 0.0])
     view = COVARIANCE
     kept = kept_share(
-        PoseMeasurement(np.zeros(3), frame + view, np.zeros(2), Agreement(0.9, np.ones(24)), of_frame=frame), way, 1.0
+        PoseMeasurement(np.zeros(3), frame + view, np.zeros(2), Agreement(0.9, np.ones(24), 0.9), of_frame=frame), way, 1.0
     )
     assert np.all(kept[:2] >= 9e-5 / (9e-5 + view[0, 0]))
     assert np.all(kept <= 1.0)
-    alone = kept_share(PoseMeasurement(np.zeros(3), view, np.zeros(2), Agreement(0.9, np.ones(24))), way, 1.0)
+    alone = kept_share(PoseMeasurement(np.zeros(3), view, np.zeros(2), Agreement(0.9, np.ones(24), 0.9)), way, 1.0)
     assert np.all(alone <= kept)
     # Headings err alike for longer than positions.
     assert alone[2] >= alone[0]

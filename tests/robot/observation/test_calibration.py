@@ -16,6 +16,7 @@ from panoloc_mcl.robot.observation import calibration
 from panoloc_mcl.robot.observation.calibration import Calibration, calibrate, evidence, most_likely_tolerance
 from panoloc_mcl.robot.observation.field import VoteField
 from panoloc_mcl.robot.observation.places import Places
+from panoloc_mcl.robot.observation.regression import expected_calibration_error, fitted, log_loss
 from panoloc_mcl.robot.observation.votes import VotesModel
 from panoloc_mcl.robot.references import ReferencePanoramas
 from panoloc_mcl.robot.settings.observation import VirtualPlacesSettings, VotesSettings
@@ -33,7 +34,10 @@ def references(count: int = 8) -> ReferencePanoramas:
 
 @dataclass
 class Oracle:
-    """Knows upright images of its reference, and finds them at the true heading; others it puts anywhere, with few votes."""
+    """Knows upright images of its reference, and finds them at the true heading; others it puts anywhere, with few votes.
+
+    Of an image that shows the place in some of its rows only, its other half agrees no better than by chance.
+    """
 
     known: ReferencePanoramas
     index: int
@@ -44,7 +48,8 @@ class Oracle:
         columns = panorama.pixels.shape[1]
         votes = rng.uniform(0.0, 0.05, (columns, len(PLACES))).astype(np.float32)
         own = self.known.pixels[self.index].astype(np.float32)
-        shifts = [np.mean(np.abs(np.roll(own, -shift, axis=1) - panorama.pixels)) for shift in range(columns)]
+        by_row = [np.mean(np.abs(np.roll(own, -shift, axis=1) - panorama.pixels), axis=1) for shift in range(columns)]
+        shifts = np.mean(by_row, axis=1)
         # Corrupted or not, the right shift differs least; upside down, none does.
         clear = np.median(shifts) - np.min(shifts) > 5.0
         heading = -2.0 * np.pi * int(np.argmin(shifts)) / columns
@@ -55,8 +60,13 @@ class Oracle:
         if clear and self.shortfall:
             # A place beside it has more.
             votes[row, place + 1] = votes[row, place] / (1.0 - self.shortfall)
-        sectors = rng.normal(0.8 if clear else 0.05, 0.05, 24)
-        measurement = PoseMeasurement(pose, np.eye(3) * 1e-4, np.zeros(2), Agreement(float(sectors.mean()), sectors))
+        agreement = rng.normal(0.8 if clear else 0.05, 0.05, (2, 24))
+        # Where rows fit another shift clearly better, this half of them is of somewhere else.
+        elsewhere = np.min(by_row, axis=0) < by_row[int(np.argmin(shifts))] - 5.0
+        agreement[[half.mean() > 0.5 for half in np.array_split(elsewhere, 2)]] = 0.05
+        by_half = agreement.mean(axis=1)
+        found = Agreement(float(by_half.mean()), agreement.ravel(), float(by_half.min()))
+        measurement = PoseMeasurement(pose, np.eye(3) * 1e-4, np.zeros(2), found)
         return VoteField(votes, 2.0 * np.pi * np.arange(columns) / columns, PLACES, 0.1, measurement=measurement)
 
 
@@ -74,7 +84,7 @@ def test_right_and_wrong_poses_are_told_apart(learnt: Calibration) -> None:
     foreign = Oracle(known, 3).observe(Panorama(np.random.default_rng(9).uniform(30, 200, (24, 40)).astype(np.float32)))
     assert learnt.confidence(true) > 0.9
     assert learnt.confidence(foreign) < 0.2
-    assert learnt.images == 8 * (len(calibration.CONDITIONS) + len(calibration.NOWHERE))
+    assert learnt.images == 8 * (len(calibration.CONDITIONS) + len(calibration.NOWHERE) + len(calibration.HALVED))
     assert learnt.ece < 0.15
     assert learnt.log_loss < 0.25
 
@@ -115,7 +125,7 @@ def test_evidence_is_finite_for_fields_of_any_kind() -> None:
     for votes in (np.zeros((6, len(PLACES))), np.ones((6, len(PLACES)))):
         field = VoteField(votes.astype(np.float32), 2.0 * np.pi * np.arange(6) / 6, PLACES, 0.1)
         assert np.isfinite(evidence(field)).all()
-        nothing = PoseMeasurement(np.zeros(3), np.eye(3), np.zeros(2), Agreement(-1.0, np.full(24, np.nan)))
+        nothing = PoseMeasurement(np.zeros(3), np.eye(3), np.zeros(2), Agreement(-1.0, np.full(24, np.nan), -1.0))
         assert np.isfinite(evidence(field.with_measurement(nothing))).all()
 
 
@@ -128,21 +138,21 @@ def test_calibration_error_agrees_with_its_definition(pairs: list[tuple[float, b
         if inside:
             gap = abs(float(np.mean([p for p, _ in inside]) - np.mean([r for _, r in inside])))
             expected += gap * len(inside) / len(pairs)
-    assert calibration.expected_calibration_error(probabilities, right) == pytest.approx(expected, abs=1e-12)
+    assert expected_calibration_error(probabilities, right) == pytest.approx(expected, abs=1e-12)
 
 
 def test_log_loss_of_certain_and_of_blind_predictions() -> None:
     right = np.array([True, False])
-    assert calibration.log_loss(np.array([1.0, 0.0]), right) == pytest.approx(0.0, abs=1e-9)
-    assert calibration.log_loss(np.array([0.5, 0.5]), right) == pytest.approx(np.log(2.0))
-    assert np.isfinite(calibration.log_loss(np.array([0.0, 1.0]), right))
+    assert log_loss(np.array([1.0, 0.0]), right) == pytest.approx(0.0, abs=1e-9)
+    assert log_loss(np.array([0.5, 0.5]), right) == pytest.approx(np.log(2.0))
+    assert np.isfinite(log_loss(np.array([0.0, 1.0]), right))
 
 
 def test_the_regression_minimises_its_loss() -> None:
     rng = np.random.default_rng(4)
     seen = rng.normal(0.0, [1.0, 5.0, 0.1], (80, 3))
     right = seen @ [1.0, 0.2, 0.0] + rng.normal(0.0, 1.0, 80) > -0.5
-    found = calibration._fitted(seen, right)
+    found = fitted(seen, right)
     spread = seen.std(axis=0)
 
     def loss(weights: np.ndarray) -> float:
@@ -161,7 +171,7 @@ def test_how_many_trials_are_wrong_does_not_matter_but_how_often_images_are(copi
     right, wrong = rng.normal(1.0, 1.0, (400, 1)), rng.normal(-1.0, 1.0, (400, 1))
     seen, is_right = np.vstack([right, *[wrong] * copies]), np.repeat([True, False], [400, 400 * copies])
     for wrong_share in (0.1, 0.5):
-        weights = calibration._fitted(seen, is_right, wrong_share)
+        weights = fitted(seen, is_right, wrong_share)
         # Of two equal normal distributions two standard deviations apart, Bayes' rule gives the logit 2 x + log prior odds.
         assert weights[1] == pytest.approx(2.0, abs=0.45)
         assert weights[0] == pytest.approx(np.log((1.0 - wrong_share) / wrong_share), abs=0.4)
@@ -198,6 +208,29 @@ def test_hidden_sectors_do_not_vote() -> None:
     nothing = Agreement.of_columns(np.zeros(48), np.zeros(48), np.zeros(48))
     assert nothing.cosine == 0.0
     assert nothing.unanimity == 0.0
+
+
+def test_a_half_that_does_not_agree_is_told() -> None:
+    """The floor of a place, and the walls of another."""
+    ones = np.ones((2, 48))
+    agreement = Agreement.of_columns(np.array([[0.1], [0.7]]) * ones, ones, ones)
+    assert agreement.cosine == pytest.approx(0.4)
+    assert agreement.weakest == pytest.approx(0.1)
+    assert agreement.unanimity < 10.0
+    # A half of which nothing is seen has no say.
+    hidden = Agreement.of_columns(np.array([[0.0], [0.7]]) * ones, ones, np.array([[0.0], [1.0]]) * ones)
+    assert hidden.weakest == pytest.approx(0.7)
+    assert np.isnan(hidden.sectors[:24]).all()
+
+
+def test_the_upper_part_is_turned_against_the_lower_one() -> None:
+    image = np.random.default_rng(3).integers(0, 255, (24, 40), dtype=np.uint8)
+    turned = calibration._halved(image, np.random.default_rng(0))
+    same = (turned == image).all(axis=1)
+    assert 8 <= (~same).sum() <= 16
+    assert same[16:].all()
+    assert not same[:8].any()
+    assert np.array_equal(np.sort(turned, axis=1), np.sort(image, axis=1))
 
 
 def test_chance_is_less_unanimous_than_a_match() -> None:

@@ -11,7 +11,7 @@ def a_measurement(seed: int, heading: float = 0.3) -> PoseMeasurement:
     rng = np.random.default_rng(seed)
     root = rng.standard_normal((3, 3)) * [[0.02], [0.03], [0.01]]
     pose = np.array([*rng.uniform(-5.0, 5.0, 2), heading])
-    return PoseMeasurement(pose, root @ root.T + 1e-6 * np.eye(3), np.zeros(2), Agreement(0.9, np.full(24, 0.9)))
+    return PoseMeasurement(pose, root @ root.T + 1e-6 * np.eye(3), np.zeros(2), Agreement(0.9, np.full(24, 0.9), 0.9))
 
 
 @settings(max_examples=30, deadline=None)

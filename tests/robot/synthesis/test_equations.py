@@ -22,7 +22,7 @@ def drawn(rng: np.random.Generator, sd: np.ndarray) -> tuple[np.ndarray, Equatio
     left = errors - jacobian @ solution
     pulls = (jacobian * left[:, None]).reshape(SECTORS, -1, 5).sum(axis=1)
     residual = float(left @ left)
-    return solution[:3], Equations(normal, jacobian.T @ left, residual, COLUMNS, Agreement(0.9, np.ones(24)), pulls)
+    return solution[:3], Equations(normal, jacobian.T @ left, residual, COLUMNS, Agreement(0.9, np.ones(24), 0.9), pulls)
 
 
 @pytest.mark.parametrize("uneven", [False, True])

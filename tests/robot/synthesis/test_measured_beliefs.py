@@ -25,7 +25,7 @@ def a_filter(start: Start | None = None, seed: int = 0, **settings) -> MonteCarl
 def measured(pose: np.ndarray, votes_at: np.ndarray | None = None):
     """Blunt votes and a sharp pose."""
     field = hills(PLACES, pose if votes_at is None else votes_at)
-    return field.with_measurement(PoseMeasurement(pose, COVARIANCE, np.zeros(2), Agreement(0.9, np.full(24, 0.9))))
+    return field.with_measurement(PoseMeasurement(pose, COVARIANCE, np.zeros(2), Agreement(0.9, np.full(24, 0.9), 0.9)))
 
 
 def far(pose: np.ndarray, truth: np.ndarray) -> float:
@@ -109,7 +109,7 @@ def test_any_share_of_measured_particles_keeps_the_weights_finite(share: float) 
 
 def test_an_endless_covariance_says_nothing() -> None:
     """As of an image that shares no pixel with the view at its pose."""
-    nothing = PoseMeasurement(HERE, 2.5e6 * np.eye(3), np.zeros(2), Agreement(0.0, np.full(24, np.nan)))
+    nothing = PoseMeasurement(HERE, 2.5e6 * np.eye(3), np.zeros(2), Agreement(0.0, np.full(24, np.nan), 0.0))
     belief = a_filter()
     for _ in range(5):
         belief.propagate(STEP)

@@ -16,6 +16,7 @@ from panoloc_mcl.tools.report import figures
 needs_matplotlib = pytest.mark.skipif(not figures.can_draw(), reason="matplotlib is not installed")
 ENTITIES = (
     "/map/references",
+    "/map/graph/relative_pose",
     "/map/votes",
     "/robot/particles",
     "/robot/estimate",

@@ -116,7 +116,7 @@ class StructurePeer(Peer[StructureSettings]):
             problem = problem or f"fewer than {self.settings.min_inliers} points of the map agree on a pose"
             return silent_field(asked, self.places, problem, headings is None)
         measurement = PoseMeasurement(
-            located.pose, located.covariance, np.zeros(2), Agreement(located.share, np.full(1, located.share))
+            located.pose, located.covariance, np.zeros(2), Agreement(located.share, np.full(1, located.share), located.share)
         )
         votes = self._bump(located, asked)
         return VoteField(votes, asked, self.places, self.settings.tolerance, headings is None, measurement=measurement)

@@ -19,6 +19,7 @@ from panoloc_mcl.laboratory.studies.mapping.surveys import SURVEYS
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.tools.config import RunConfig
 from panoloc_mcl.tools.datasets import Dataset, read_dataset, resolve_dataset
+from panoloc_mcl.tools.evaluation.definitions import BAD_HEADING_DEG, BAD_POSITION_M
 from panoloc_mcl.tools.evaluation.record import group_of
 
 # An image of which nothing is known is read rightly within this, with the map's frame on the true one.
@@ -133,6 +134,7 @@ def _table_of_images(report: Report, found: Found) -> None:
         "degrees",
         "not aligned, mm",
         "filter sure, %",
+        f"sure, off > {BAD_POSITION_M:g} m or {BAD_HEADING_DEG:g} degrees, %",
         "filter: mm",
     )
     note = "Nothing is known before an image; one that says nothing is infinitely wrong. Of the filter, only what it is sure of counts."
@@ -161,6 +163,7 @@ def _add_images(table: Table, row: Row, name: str, group: str, mine: Sequence[Va
         for what in ("m", "deg", "unaligned_m")
     }
     sure = np.isfinite(pooled["filter", "m"])
+    wrong = sure & ((pooled["filter", "m"] > BAD_POSITION_M) | (pooled["filter", "deg"] > BAD_HEADING_DEG))
     table.add(
         _titled(row, name),
         group,
@@ -171,6 +174,7 @@ def _add_images(table: Table, row: Row, name: str, group: str, mine: Sequence[Va
         Spread(pooled["image", "deg"], 3),
         Spread(1000.0 * pooled["image", "unaligned_m"], 1),
         Number(100.0 * float(sure.mean())),
+        Number(100.0 * float(wrong.mean()), 1),
         Spread(1000.0 * pooled["filter", "m"][sure], 1),
     )
 

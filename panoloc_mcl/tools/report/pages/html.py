@@ -65,6 +65,8 @@ def render_report(
     interactive = folder is not None and plotly_script.can_plot()
     can_draw = figures.can_draw() and not interactive
     data = _data(chosen, places, place_files, folder) if folder is not None and interactive else None
+    if data is not None:
+        data["graph"] = run_info.get("graph")
     wide = metrics_table(metrics, by="sequences")
     return template("report.html.j2").render(
         title=title_of(run_info),

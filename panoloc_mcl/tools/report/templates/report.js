@@ -51,6 +51,18 @@
     x: data.places.x, y: data.places.y, type: "scatter", mode: "markers", name: "references", hoverinfo: "text",
     text: data.places.x.map((_, i) => `reference ${i}`), marker: { symbol: "cross-thin", size, line: { width: 1, color: css("--soft") } },
   });
+  // Relative poses of the map's keyframes, by kind, and how far references were moved.
+  const graph = () => {
+    if (!data.graph) return [];
+    const strokes = (name, ends, color) => ({
+      x: ends.flatMap(([a, b]) => [a[0], b[0], null]), y: ends.flatMap(([a, b]) => [a[1], b[1], null]), name,
+      type: "scatter", mode: "lines", hoverinfo: "skip", line: { color: css(color), width: 0.7 },
+    });
+    const at = (i) => [data.places.x[i], data.places.y[i]], colors = ["--soft", "--green", "--red"];
+    const lines = Object.entries(data.graph.lines).map(([name, pairs], k) => strokes(name, pairs.map(([i, j]) => [at(i), at(j)]), colors[k]));
+    const moved = strokes("moved", data.graph.moved.map(([i, x, y]) => [[x, y], at(i)]), "--orange");
+    return [...lines, moved].filter((stroke) => stroke.x.length);
+  };
   const truthLine = () => ({
     ...gaps(run.truth.x, run.truth.y), type: "scatter", mode: "lines", name: "true path", hoverinfo: "skip",
     line: { color: css("--ink"), width: 1.2, dash: "dot" },
@@ -67,7 +79,7 @@
 
   // ---- pictures over time ----
   function drawTrajectory() {
-    const known = run.position_error !== null, traces = [places(7)];
+    const known = run.position_error !== null, traces = [...graph(), places(7)];
     if (known) traces.push(truthLine());
     const least = 0.001, colour = known ? run.position_error.map((e) => Math.log10(Math.max(e, least))) : css("--blue");
     traces.push({

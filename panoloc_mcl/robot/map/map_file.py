@@ -1,0 +1,88 @@
+"""The file that holds a map: a header and arrays.
+
+It is a safetensors container: raw arrays behind a JSON header, read without executing anything, checked for truncation at load, mapped
+into memory as it is, and readable from other languages. (HDF5 is a bigger dependency for the same arrays; npz has no place for settings
+but pickled objects or arrays of text.)
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save as safetensors_bytes
+
+from panoloc_mcl.robot.errors import MapError
+from panoloc_mcl.robot.files import known_errors, write_atomically
+
+FORMAT = "panoloc-map/1"
+
+Tensors = dict[str, NDArray[Any]]
+
+
+def write(path: Path, header: dict[str, Any], tensors: Tensors) -> None:
+    """Write a map, whole or not at all.
+
+    Raises
+    ------
+    MapError
+        The file cannot be written.
+    """
+    # One entry only: safetensors writes several in an order that changes from call to call.
+    metadata = {"map": json.dumps({"format": FORMAT, **header}, sort_keys=True)}
+    try:
+        write_atomically(path, safetensors_bytes(tensors, metadata))
+    except SafetensorError as error:
+        raise MapError(f"{path}: cannot be written ({error})") from error
+
+
+def read(path: Path) -> tuple[dict[str, Any], Tensors]:
+    """Header and arrays of a map.
+
+    Raises
+    ------
+    MapError
+        Missing, truncated, not a map, or of a newer format.
+    """
+    with known_errors(MapError, path):
+        found = path.is_file()
+    if not found:
+        raise MapError(f"{path}: no such map file; build one with: panoloc build-map DATASET -o {path}")
+    try:
+        with safe_open(path, framework="numpy") as container:
+            header = _header_of(container.metadata() or {}, path)
+            return header, {name: container.get_tensor(name) for name in container.keys()}  # noqa: SIM118
+    except (SafetensorError, OSError, TypeError) as error:
+        raise MapError(f"{path}: not a map file, or cut short ({error}); build it again with panoloc build-map") from error
+
+
+def part(tensors: Tensors, name: str) -> Tensors:
+    """The arrays whose names begin with a part's, without it."""
+    return {key.removeprefix(f"{name}."): array for key, array in tensors.items() if key.startswith(f"{name}.")}
+
+
+def kept_masks(valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Masks of the references as the file keeps them: one (rows, columns) where all are the same."""
+    return valid[0] if valid.strides[0] == 0 or bool((valid == valid[0]).all()) else valid
+
+
+def masks(kept: NDArray[np.bool_] | None, count: int) -> NDArray[np.bool_] | None:
+    """Masks of so many references, (count, rows, columns), from what `kept_masks` gave."""
+    if kept is None or kept.ndim == 3:
+        return kept
+    return np.broadcast_to(kept, (count, *kept.shape))
+
+
+def _header_of(metadata: dict[str, str], path: Path) -> dict[str, Any]:
+    try:
+        header = json.loads(metadata.get("map", "{}"))
+    except ValueError as error:
+        raise MapError(f"{path}: the map's header is damaged ({error}); build it again with panoloc build-map") from error
+    found = header.get("format") if isinstance(header, dict) else None
+    if not isinstance(header, dict) or found != FORMAT:
+        raise MapError(f"{path}: format is '{found}', this version reads '{FORMAT}'; build the map again")
+    return header
