@@ -46,7 +46,7 @@ from panoloc_mcl.robot.filters.particles.likelihood import Drawn, Likelihood, Pl
 from panoloc_mcl.robot.filters.particles.particle_set import ParticleSet, drawn_from
 from panoloc_mcl.robot.filters.particles.prior import Prior, gaussian, uniform_density
 from panoloc_mcl.robot.filters.shared_error import Seen, SharedError, kept_share, new_share
-from panoloc_mcl.robot.filters.status import status_of
+from panoloc_mcl.robot.filters.status import status_of, vouches_for
 from panoloc_mcl.robot.motion import Motion
 from panoloc_mcl.robot.observation.field import VoteField
 from panoloc_mcl.robot.observation.places import Places
@@ -167,7 +167,7 @@ class MonteCarloFilter:
                 self._set.normalise()
             self._judge_posterior(fit, plan, explained)
             self.memory.effective, self.memory.resampled = self._set.resample(self.settings, rng)
-        self._remember(votes)
+        self._remember(votes, offset)
 
     def _predicted(self) -> Prior:
         """The hypotheses before the image; if the last answer was sure, where odometry led from it is remembered."""
@@ -267,17 +267,20 @@ class MonteCarloFilter:
         memory.elsewhere = 0.0 if memory.nothing_known else plan.elsewhere / (plan.elsewhere + explained)
         memory.nothing_known = False
 
-    def _remember(self, votes: VoteField) -> None:
+    def _remember(self, votes: VoteField, offset: Motion | None) -> None:
         """What the next image needs to know of this one."""
         clusters = find_clusters(self._set.particles, self.weights)
+        memory, vouches, before = self.memory, False, self.memory.vouched
         if votes.informative:
-            memory = self.memory
             memory.place_votes = float(votes.read(clusters[0].pose[None])[0])
             memory.seen, memory.way = tuple(votes.best_pose.tolist()), 0.0
-            confident = math.isnan(votes.confidence) or votes.confidence >= self.status_settings.converged_confidence
-            memory.vouched = confident or (memory.vouched and (memory.sure or not memory.known))
+            vouches = vouches_for(clusters[0], votes, offset is not None, self.status_settings)
+            memory.vouched = vouches or (memory.vouched and (memory.sure or not memory.known))
         self._answer = self._judged(clusters)
-        self.memory.sure = self._answer.status is Status.CONVERGED
+        memory.sure = self._answer.status is Status.CONVERGED
+        if vouches and not memory.sure:
+            # What it stood behind is not what the next one may make of it.
+            memory.vouched = before and not memory.known
 
     def state(self) -> FilterState:
         """Clusters, status and the figures behind it; asking changes nothing."""

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from panoloc_mcl.robot.filters.estimate import Cluster, Status
 from panoloc_mcl.robot.geometry import angle_difference
+from panoloc_mcl.robot.observation.field import VoteField
 from panoloc_mcl.robot.settings.localizer import StatusSettings
 
 
@@ -49,8 +50,29 @@ def status_of(
     return Status.SEARCHING
 
 
+def vouches_for(best: Cluster, votes: VoteField, late: bool, limits: StatusSettings) -> bool:
+    """Whether an image is sure enough of itself, and says what is believed: one that is sure of another pose stands behind nothing.
+
+    Parameters
+    ----------
+    best : Cluster
+    votes : VoteField
+    late : bool
+        The image is of an earlier time than the belief, so that their poses are not to be compared.
+    limits : StatusSettings
+    """
+    if math.isnan(votes.confidence):
+        return True
+    guess = votes.guess
+    if votes.confidence < limits.converged_confidence or guess is None or late:
+        return votes.confidence >= limits.converged_confidence
+    heading = float(guess.pose[2]) if votes.gives_heading else float(best.pose[2])
+    said = (float(guess.pose[0]), float(guess.pose[1]), heading, best.spread_m, best.spread_deg)
+    return not _is_refuted(best, said, limits)
+
+
 def _is_refuted(best: Cluster, expected: Sequence[float], limits: StatusSettings) -> bool:
-    """Whether the belief has left the pose that the last answer was sure of: a robot that acted on it must be told."""
+    """Whether the belief has left the pose that the last answer, or an image, was sure of: a robot that acted on it must be told."""
     x, y, heading, spread_m, spread_deg = expected
     off = math.degrees(abs(float(angle_difference(best.pose[2], heading))))
     way = math.hypot(best.pose[0] - x, best.pose[1] - y)

@@ -1,0 +1,40 @@
+"""Images that doubt themselves do not add up to a sure belief, whatever an image that is sure of another pose said between them."""
+
+import numpy as np
+import pytest
+from oracles.fields import hills, moved
+from oracles.scenes import grid
+
+from panoloc_mcl.robot.filters import MonteCarloFilter, Start, Status
+from panoloc_mcl.robot.measurement import Agreement, PoseMeasurement
+from panoloc_mcl.robot.observation import Places
+from panoloc_mcl.robot.settings.localizer import MonteCarloSettings, StatusSettings
+
+PLACES = Places(grid(6, 5))
+HERE, THERE = np.array([1.3, 1.6, 0.5]), np.array([4.0, 3.0, -2.5])
+COVARIANCE = np.diag([0.004, 0.004, np.radians(0.1)]) ** 2
+
+
+def image_of(pose: np.ndarray, confidence: float):
+    measured = PoseMeasurement(pose, COVARIANCE, np.zeros(2), Agreement(0.9, np.full(24, 0.9), 0.9))
+    return hills(PLACES, pose).with_measurement(measured).judged(confidence, "")
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("before", [0, 1, 3])
+@pytest.mark.parametrize("confidence", [0.76, 0.8, 0.9, 0.99])
+def test_a_sure_image_stands_behind_its_own_pose_only(seed: int, before: int, confidence: float) -> None:
+    belief = MonteCarloFilter(PLACES, Start(), MonteCarloSettings(particles=500), StatusSettings(), np.random.default_rng(seed))
+    doubtful, sure = image_of(THERE, 0.5), image_of(HERE, confidence)
+    for image in (*[doubtful] * before, sure, *[doubtful] * 6):
+        belief.propagate(moved(0.0, 0.0, 0.0))
+        belief.update(image)
+        state = belief.state()
+        if state.status is Status.CONVERGED:
+            assert np.hypot(*(state.clusters[0].pose - HERE)[:2]) < 0.5
+
+
+def test_a_sure_image_is_believed_at_once() -> None:
+    belief = MonteCarloFilter(PLACES, Start(), MonteCarloSettings(particles=500), StatusSettings(), np.random.default_rng(0))
+    belief.update(image_of(HERE, 0.95))
+    assert belief.state().status is Status.CONVERGED
