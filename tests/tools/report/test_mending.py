@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from panoloc_mcl.robot.map.keyframes import IMAGES, LOOP, Edges, Keyframes
-from panoloc_mcl.tools.report import plotly_script
 from panoloc_mcl.tools.report.mending import LINES, drawn_graph, graph_lines, line_kinds
+from panoloc_mcl.tools.report.pages import plotly_script
 from panoloc_mcl.tools.report.results.renewal import rewrite_figures
 from panoloc_mcl.tools.report.results.results_reader import read_results
 
