@@ -24,7 +24,7 @@ def field(best: float, confidence: float = 0.95, agreement: float | None = None,
     found = VoteField(votes, 2.0 * np.pi * np.arange(36) / 36, places, 0.05, confidence=confidence, problem=problem)
     if agreement is None:
         return found
-    seen = Agreement(agreement, np.full(24, agreement))
+    seen = Agreement(agreement, np.full(24, agreement), agreement)
     return replace(found, measurement=PoseMeasurement(np.zeros(3), np.eye(3) * 1e-4, np.zeros(2), seen))
 
 
