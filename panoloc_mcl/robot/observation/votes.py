@@ -20,7 +20,7 @@ from panoloc_mcl.robot.camera import Panorama
 from panoloc_mcl.robot.eigenspace.gradients import check_filter_size, orientations, useless
 from panoloc_mcl.robot.eigenspace.pca import eigenspace_of
 from panoloc_mcl.robot.observation.base import Arrays
-from panoloc_mcl.robot.observation.calibration import Calibration, calibrate
+from panoloc_mcl.robot.observation.calibration import DIM, Calibration, calibrate
 from panoloc_mcl.robot.observation.correlator import Correlator, frequencies_kept
 from panoloc_mcl.robot.observation.field import VoteField, at_headings, silent_field, vote_of_cosine
 from panoloc_mcl.robot.observation.overlap import block_energy, block_usable
@@ -165,7 +165,7 @@ class VotesModel:
         between = synthesizer is not None
         model.calibration = calibrate(model.held_out, references, most, progress, threads, settings.wrong_share, between)
         if synthesizer is not None:
-            synthesizer.errors = learn_source_errors(synthesizer, settings, most, progress, threads)
+            synthesizer.errors = learn_source_errors(synthesizer, settings, most, progress, threads, DIM)
             model.notes += synthesizer.errors.notes
         return model
 

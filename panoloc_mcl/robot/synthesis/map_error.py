@@ -4,20 +4,21 @@ A pose read off an image is only as good as the references that the views were m
 depths say, the camera's height or mounting is not what was given. Part of it the image shows: the sectors of the circle pull the pose
 to different sides, the more the worse the views are (see `PoseRefiner`). How far these pulls are to be believed, and what they cannot
 show because it displaces all sectors alike, is learnt here: references are measured against others around them as though they were
-images, near and far, on one side and all around, and `SourceErrors` is what explains best how far they are off. Because it is a
-function of the image and of where the sources lie, an image among near sources is claimed to be better than the held-out references
-were, which lack the nearest; and that a held-out reference errs itself is counted out.
+images, near and far, on one side and all around, as they are and in other light, and `SourceErrors` is what explains best how far they
+are off. Because it is a function of the image and of where the sources lie, an image among near sources is claimed to be better than
+the held-out references were, which lack the nearest; and that a held-out reference errs itself is counted out.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from panoloc_mcl.robot.camera import Panorama
 from panoloc_mcl.robot.eigenspace.gradients import orientations
 from panoloc_mcl.robot.geometry import angle_difference
 from panoloc_mcl.robot.progress import Progress, no_progress
@@ -28,9 +29,10 @@ from panoloc_mcl.robot.synthesis.views import ViewSynthesizer
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
+_Relit = Callable[[NDArray[np.uint8], np.random.Generator], NDArray[np.uint8]]
 
 # Sources of trials are among so many neighbours: the nearest, and this often some of them at random.
-_AROUND, _AT_RANDOM = 8, 2
+_AROUND, _AT_RANDOM = 8, 1
 # References held out, for each one that a calibration holds out: trials of several sources are what teaches.
 _HELD_OUT = 2
 # Where a trial begins: as far off as the cells of a vote field are.
@@ -41,6 +43,9 @@ _ASTRAY_M, _ASTRAY = 0.3, np.radians(10.0)
 _FEWEST_TRIALS = 10
 # Degrees of freedom of the errors' distribution (Student's t): now and then one is far larger than the others.
 _FREEDOM = 8.0
+# Squares of normal errors over their variance, in one and two dimensions: the median, and the quantile that is two standard deviations
+# in two dimensions.
+_SHARES, _CHI2 = (0.5, 0.8647), {1: (0.455, 2.231), 2: (1.386, 4.0)}
 # Variances considered, square metres or radians, for a source at the usual distance; and factors on what the image shows.
 _SMALLEST, _LARGEST = 1e-9, 0.1
 _FACTORS = (0.5, 25.0)
@@ -76,6 +81,7 @@ def learn_source_errors(
     most_references: int,
     progress: Progress = no_progress,
     threads: int = 1,
+    relit: _Relit | None = None,
 ) -> SourceErrors:
     """Learn from references that are held out one by one.
 
@@ -88,6 +94,8 @@ def learn_source_errors(
     progress : callable (done, total, what)
     threads : int
         References at work at once; the result does not depend on it.
+    relit : callable (image, generator), optional
+        The 8-bit image in other light; None: as it is only.
 
     Returns
     -------
@@ -100,7 +108,9 @@ def learn_source_errors(
     chosen = usable[np.unique(np.linspace(0, len(usable) - 1, _HELD_OUT * most_references).round().astype(np.int64))]
     trials: list[Trial] = []
     with ThreadPoolExecutor(max_workers=threads) as pool:
-        for done, some in enumerate(pool.map(lambda index: list(_trials(synthesizer, settings, int(index), usable)), chosen)):
+        for done, some in enumerate(
+            pool.map(lambda index: list(_trials(synthesizer, settings, int(index), usable, relit)), chosen)
+        ):
             trials += some
             progress(done + 1, len(chosen), "errors of the map")
     # An error of the heading displaces all that is seen by as much, one of the position the less the farther it is.
@@ -108,24 +118,31 @@ def learn_source_errors(
     return explain(trials, np.array([pixels / float(np.median(synthesizer.profiles)), pixels]))
 
 
-def _trials(synthesizer: ViewSynthesizer, settings: VotesSettings, held_out: int, usable: Int64) -> Iterator[Trial]:
+def _trials(
+    synthesizer: ViewSynthesizer, settings: VotesSettings, held_out: int, usable: Int64, relit: _Relit | None
+) -> Iterator[Trial]:
     references = synthesizer.references
     truth = np.array([*references.positions[held_out], 0.0])
     rng = np.random.default_rng(held_out)
-    z, seen = orientations(references.panorama(held_out), settings)
+    panorama = references.panorama(held_out)
+    images = [orientations(panorama, settings)]
+    if relit is not None:
+        dimmed = relit(np.clip(np.rint(panorama.pixels), 0, 255).astype(np.uint8), rng).astype(np.float32)
+        images.append(orientations(Panorama(dimmed, panorama.valid), settings))
     apart = np.hypot(*(references.positions[usable] - truth[:2]).T)
     around = usable[np.argsort(apart, kind="stable")]
     around = around[around != held_out][:_AROUND]
     count = settings.refinement.sources
     for sources in (around[:count], *(rng.permutation(around)[:count] for _ in range(_AT_RANDOM))):
         refiner = PoseRefiner(synthesizer.of(np.sort(sources)), settings)
-        start = truth + _START_SD * rng.standard_normal(3)
-        measured = refiner.refine(z, seen, start)
-        error = measured.pose - truth
-        error[2] = angle_difference(measured.pose[2], truth[2])
-        if np.hypot(*error[:2]) < _ASTRAY_M and abs(error[2]) < _ASTRAY:
-            # Without any errors of the sources, its covariance is what the image shows.
-            yield Trial(error, measured.covariance, *refiner.sources_at(measured.pose[:2]))
+        for z, seen in images:
+            start = truth + _START_SD * rng.standard_normal(3)
+            measured = refiner.refine(z, seen, start)
+            error = measured.pose - truth
+            error[2] = angle_difference(measured.pose[2], truth[2])
+            if np.hypot(*error[:2]) < _ASTRAY_M and abs(error[2]) < _ASTRAY:
+                # Without any errors of the sources, its covariance is what the image shows.
+                yield Trial(error, measured.covariance, *refiner.sources_at(measured.pose[:2]))
 
 
 def explain(trials: list[Trial], pixels: Float64) -> SourceErrors:
@@ -162,11 +179,16 @@ def _likeliest(errors: Float64, shown: Float64, kinds: Float64, near: Float64 | 
     usual = np.maximum(kinds.mean(axis=0), 1e-9)
     dimensions = errors.shape[1]
 
-    def surprise(logarithms: Float64) -> float:
+    def explained(logarithms: Float64) -> tuple[Float64, Float64]:
+        """Covariances, and squares of the errors over them."""
         factor, *variances = np.exp(logarithms)
         others = kinds @ (np.array(variances) / usual)
         covariances = factor * shown + others[:, None, None] * np.eye(dimensions)
         squares = np.einsum("ni,ni->n", errors, np.linalg.solve(covariances, errors[:, :, None])[:, :, 0])
+        return covariances, np.asarray(squares)
+
+    def surprise(logarithms: Float64) -> float:
+        covariances, squares = explained(logarithms)
         tail = 0.5 * (_FREEDOM + dimensions) * np.log1p(squares / _FREEDOM)
         return float(np.sum(0.5 * np.linalg.slogdet(covariances)[1] + tail))
 
@@ -184,5 +206,8 @@ def _likeliest(errors: Float64, shown: Float64, kinds: Float64, near: Float64 | 
 
     found = [minimize(surprise, np.clip(start, lowest, highest), method="L-BFGS-B", bounds=bounds) for start in starts]
     best = min(found, key=lambda one: float(one.fun)).x
-    # The scale of Student's t is not its variance.
-    return np.asarray(np.exp(best) / scale)
+    # The scale of Student's t is not its variance; nor is that enough where tails are heavier still: errors that are common and those
+    # that are rare ask for different scales then, and this is midway (logarithm).
+    asked = np.quantile(explained(best)[1], _SHARES) / _CHI2[dimensions]
+    stretch = max(_FREEDOM / (_FREEDOM - 2.0), float(np.sqrt(np.prod(asked))))
+    return np.asarray(np.exp(best) * stretch / np.array([1.0, *usual]))

@@ -24,7 +24,8 @@ from panoloc_mcl.robot.kernels.alignment import column_products, normal_equation
 from panoloc_mcl.robot.kernels.warping import turned_table
 from panoloc_mcl.robot.measurement import Agreement, PoseMeasurement
 from panoloc_mcl.robot.settings.observation import RefinementSettings, VotesSettings
-from panoloc_mcl.robot.synthesis.equations import Equations
+from panoloc_mcl.robot.synthesis.agreeing_columns import agreeing
+from panoloc_mcl.robot.synthesis.equations import Equations, Views
 from panoloc_mcl.robot.synthesis.planes import planes_of, read_planes, source_planes
 from panoloc_mcl.robot.synthesis.views import MARGIN, ViewSynthesizer
 
@@ -65,7 +66,8 @@ _BANDS, _FEWEST_ROWS = 3, 12
 # Sectors whose pulls are taken as independent, so many over the circle: 12 degrees, over which depths are smoothed.
 _SECTORS = 30
 # An image of the map comes to rest after two or three steps at full resolution. One that has not after so many is looked for around, by
-# moves of so many metres in eight directions, so often at most. Set on every fourth image of the rendered office at night.
+# moves of so many metres in eight directions, so often at most; and by all but the first of them where views do not agree. Set on every
+# fourth image of the rendered office at night, and on afternoon_02 of the rendered hall.
 _SOON, _MOVES_M, _MOST_MOVES = 6, (0.1, 0.05, 0.025), 4
 _COMPASS = np.array([[np.cos(angle), np.sin(angle), 0.0] for angle in np.arange(8) * (np.pi / 4.0)])
 # Of several poses, so many.
@@ -78,8 +80,6 @@ _SMALL = 0.3
 _LAST, _LAST_OF_FOLLOWED = (1.0, 1.0), (2.0, 5.0)
 # Sources are weighted by 1 / (distance + this), and by how sure their own poses are.
 _NEAR_M = 0.05
-# Columns count where they agree, over a window around them, by this share of the upper quartile of all at the least.
-_AGREEING_WINDOW_DEG, _AGREEING_SHARE = 21.0, 0.6
 # References whose smoothed features are kept at hand.
 _KEPT_FEATURES = 96
 
@@ -187,9 +187,10 @@ class PoseRefiner:
         self, planes: Mapping[float, Float32], fine: Sequence[Step], pose: Float64, tilt: Float64, last: Factors = _LAST
     ) -> PoseMeasurement:
         pose, tilt, equations, at_rest = self._descended(planes, fine[:_SOON], pose, tilt, last)
-        if not at_rest and len(fine) > _SOON:
-            pose = self._around(planes, fine[-1], pose, tilt)
-            pose, tilt, equations, _ = self._descended(planes, fine[_SOON:], pose, tilt, last)
+        if len(fine) > _SOON and not (at_rest and equations.settled(self._unknowns)):
+            found = self._around(planes, fine[0 if at_rest else -1], pose, tilt, _MOVES_M[1 if at_rest else 0 :])
+            if not at_rest or np.any(found != pose):
+                pose, tilt, equations, _ = self._descended(planes, fine[_SOON:], found, tilt, last)
         pose[2] = wrap_angle(pose[2])
         leaning = _turned(tilt, -float(pose[2]))
         of_map, of_frame = self._synthesizer.errors_at(
@@ -216,15 +217,18 @@ class PoseRefiner:
                 return pose, tilt, equations, True
         return pose, tilt, equations, False
 
-    def _around(self, planes: Mapping[float, Float32], step: Step, pose: Float64, tilt: Float64) -> Float64:
+    def _around(
+        self, planes: Mapping[float, Float32], step: Step, pose: Float64, tilt: Float64, moves: Sequence[float] = _MOVES_M
+    ) -> Float64:
         """The pose near one that agrees best with the image: a pattern search (Hooke & Jeeves 1961), by ever smaller moves.
 
         Where light has moved, its edges pull one way and those of the world another: steps are short in between, and a pose a pixel
-        away from the right one may hold. The agreement of all pixels tells the two apart.
+        away from the right one may hold. So may one where views are wrong, as inside a goal: there they contradict each other. The
+        agreement of all pixels tells the two apart.
         """
         query, usable = self._turned_back(planes[step.sigma], pose[2], tilt, step.stride)
         best = self._equations(query, usable, pose[:2], step).agreement.cosine
-        for move in _MOVES_M:
+        for move in moves:
             for _ in range(_MOST_MOVES):
                 around = pose + move * _COMPASS
                 agreements = [self._equations(query, usable, position, step).agreement.cosine for position in around[:, :2]]
@@ -256,6 +260,7 @@ class PoseRefiner:
         residual = pixels = 0.0
         bands = _bands(query.shape[0], step)
         columns, pulls = np.zeros((3, len(bands), query.shape[1])), np.zeros((_SECTORS, 5))
+        parts = []
         for weight, source in zip(weights, indices, strict=True):
             profile = self._synthesizer.profile_at(int(source), position)
             view, view_usable = self._view(int(source), position, profile, step)
@@ -267,15 +272,17 @@ class PoseRefiner:
                 for rows in bands
             ]
             products = np.sum(by_band, axis=0)
-            chosen = _agreeing(products[-3:])
+            chosen = agreeing(products[-3:])
             part = normal_equations(products, chosen, rays.row_step * step.stride)
+            parts.append(part)
             pulls += weight * sector_pulls(products, chosen, rays.row_step * step.stride, _SECTORS)
             normal += weight * part[0]
             right += weight * part[1]
             residual += weight * part[2]
             pixels += weight * part[3]
             columns += np.stack([part[-3:] for part in by_band], axis=1)
-        return Equations(normal, right, residual, pixels, Agreement.of_columns(*columns), pulls)
+        views = Views(weights, np.array([part[0] for part in parts]), np.array([part[1] for part in parts]))
+        return Equations(normal, right, residual, pixels, Agreement.of_columns(*columns), pulls, views)
 
     def sources_at(self, position: Float64) -> tuple[Float64, Float64]:
         """Sources of the last views at a position (2,): weights (s,), and offsets from them to it (s, 2), metres."""
@@ -321,18 +328,3 @@ def _turned(tilt: Float64, angle: float) -> Float64:
     pitch, roll = tilt
     cos, sin = np.cos(angle), np.sin(angle)
     return np.array([sin * roll + cos * pitch, cos * roll - sin * pitch])
-
-
-def _agreeing(columns: Float64) -> Bool:
-    """Columns where view and image show the same, as far as the best of them let expect: bool (columns,).
-
-    Where the world is not a floor and a wall (a goal before a wall), or where somebody stands in front of it, the view is wrong, and
-    its edges would pull the pose towards them. ``columns`` (3, columns) holds inner products and both squared norms.
-    """
-    count = columns.shape[1]
-    reach = max(1, round(_AGREEING_WINDOW_DEG / 720.0 * count))
-    around = np.concatenate([columns[:, -reach - 1 :], columns, columns[:, :reach]], axis=1).cumsum(axis=1)
-    summed = around[:, 2 * reach + 1 :] - around[:, : -2 * reach - 1]
-    agreement = summed[0] / np.sqrt(np.maximum(summed[1] * summed[2], 1e-12))
-    upper_quartile = np.partition(agreement, 3 * count // 4)[3 * count // 4]
-    return np.asarray(agreement >= _AGREEING_SHARE * upper_quartile)

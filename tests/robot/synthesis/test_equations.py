@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from panoloc_mcl.robot.measurement import Agreement
-from panoloc_mcl.robot.synthesis.equations import Equations
+from panoloc_mcl.robot.synthesis.equations import Equations, Views
 
 SECTORS, COLUMNS = 30, 360
 
@@ -57,3 +57,46 @@ def test_covariances_are_positive_definite_and_steps_bounded(unknowns: int) -> N
     assert np.hypot(*step[:2]) <= 0.15 + 1e-12
     assert abs(step[2]) <= np.radians(2.0) + 1e-12
     assert np.all(step[unknowns:] == 0.0)
+
+
+def torn(apart: np.ndarray, weights: np.ndarray) -> Equations:
+    """Equations of views, each of which alone would move the pose by a row of ``apart`` (v, 5)."""
+    _, equations = drawn(np.random.default_rng(3), np.full(SECTORS, 1e-3))
+    normals = np.repeat(equations.normal[None], len(weights), axis=0)
+    rights = np.einsum("vij,vj->vi", normals, apart)
+    return equations._replace(right=weights @ rights, views=Views(weights, normals, rights))
+
+
+def test_views_that_contradict_each_other_are_not_believed() -> None:
+    weights = np.array([0.4, 0.3, 0.2, 0.1])
+    rng = np.random.default_rng(0)
+    squares, claimed = [], []
+    for _ in range(400):
+        apart = np.zeros((4, 5))
+        apart[:, :2] = 0.05 * rng.standard_normal((4, 2))
+        squares.append((weights @ apart[:, :2]) ** 2)
+        claimed.append(np.diag(torn(apart, weights).covariance(5))[:2])
+    ratio = np.mean(claimed, axis=0) / np.mean(squares, axis=0)
+    # Twice what errors make that views do not share, since they share some.
+    assert np.all((ratio > 1.6) & (ratio < 2.6))
+    assert not torn(0.05 * np.eye(4, 5), weights).settled(5)
+
+
+def test_views_that_agree_add_nothing() -> None:
+    weights = np.array([0.4, 0.3, 0.2, 0.1])
+    together = torn(np.tile([0.01, 0.0, 0.0, 0.0, 0.0], (4, 1)), weights)
+    assert np.allclose(together.covariance(5), together._replace(views=None).covariance(5), atol=1e-12)
+    assert together.settled(5)
+    single = torn(np.full((1, 5), 0.05), np.ones(1))
+    assert np.allclose(single.covariance(5), single._replace(views=None).covariance(5))
+
+
+def test_a_view_of_nothing_goes_nowhere_far() -> None:
+    equations = torn(np.zeros((2, 5)), np.array([0.5, 0.5]))
+    assert equations.views is not None
+    empty = equations.views._replace(
+        normals=np.stack([equations.normal, np.zeros((5, 5))]), rights=np.stack([np.zeros(5), np.full(5, 1e-3)])
+    )
+    covariance = equations._replace(views=empty).covariance(5)
+    assert np.isfinite(covariance).all()
+    assert np.sqrt(covariance[0, 0]) < 0.25

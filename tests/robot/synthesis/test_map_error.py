@@ -71,6 +71,22 @@ def test_what_errors_come_from_is_told_by_how_they_grow(kind: str, size: np.ndar
             assert np.all(claimed > 0.7 * due)
 
 
+def test_errors_with_heavy_tails_widen_the_claim() -> None:
+    # Far heavier tails than those of the distribution that is fitted.
+    rng = np.random.default_rng(4)
+    trials = []
+    for trial in trials_of(truth_of(), 300, 1):
+        tail = np.sqrt(rng.chisquare(2.0) / 2.0)
+        trials.append(trial._replace(error=trial.error / tail))
+    learnt = explain(trials, PIXELS)
+    inside = []
+    for trial in trials:
+        own = np.diag([learnt.of_pose[0], learnt.of_pose[0], learnt.of_pose[1]]) ** 2
+        covariance = learnt.of_image(trial.shown) + learnt.of_sources(trial.weights, trial.offsets) + own
+        inside.append(trial.error[:2] @ np.linalg.solve(covariance[:2, :2], trial.error[:2]) <= 4.0)
+    assert 0.78 < np.mean(inside) < 0.93
+
+
 def test_one_wild_trial_is_not_believed() -> None:
     trials = trials_of(truth_of(of_pose=np.array([0.002, 0.001])), 100, 0)
     wild = Trial(np.array([0.25, 0.1, 0.1]), SCATTER, np.ones(1), np.zeros((1, 2)))
