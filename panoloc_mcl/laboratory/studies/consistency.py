@@ -36,8 +36,8 @@ _TheMap = Callable[[], tuple[PanoramaMap, ObservationModel]]
 
 # Of images of a robot that stands: a good camera's noise, grey levels, and the time between them, seconds.
 _NOISE, _PERIOD_S = 2.0, 0.5
-# Of a drive, so many images that are taken while standing, at four places at the least: all images of a place err alike.
-_LOOKS, _FEWEST_PLACES = 80, 4
+# Of a drive, so many images that are taken while standing, at three places at the least: all images of a place err alike.
+_LOOKS, _FEWEST_PLACES = 80, 3
 
 
 @dataclass(frozen=True)
