@@ -219,7 +219,10 @@ class _Mending:
             self.poses[given] = self.given[given]
             keep |= given
         self.poses[~keep] = solution.poses[~keep]
-        self.covariances = solution.covariances
+        self.covariances = solution.covariances.copy()
+        if exact:
+            # As of a survey that is taken as it is: these poses are the frame, and held-out references tell what each errs by itself.
+            self.covariances[given] = 0.0
 
     def _judge_unfitting(self, lost: Int64, moved_anew: set[int]) -> None:
         """References that fit nowhere: left out where others see that they are wrong; kept, but alone, where a wall may excuse them."""
