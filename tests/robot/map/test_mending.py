@@ -49,6 +49,8 @@ def test_exact_poses_stay_as_they_are(small_room: Dataset):
     np.testing.assert_array_equal(result.source.poses, truth)
     assert result.notes == ()
     assert len(result.keyframes.edges) > 2 * len(truth)
+    # They are the frame.
+    assert not result.keyframes.sds.any()
 
 
 @pytest.mark.slow
