@@ -39,13 +39,14 @@ ALONG, FIRST = 60, 3
 PEER, PRODUCT = "cv2.matchTemplate", "matrix product 1024 x 1024, float32"
 
 
-def speed(dataset: str, repeats: int) -> Report:
-    """Time of one image as a ratio to template matching."""
+def speed(dataset: str, repeats: int, variants: Sequence[str] = tuple(VARIANTS)) -> Report:
+    """Time of one image as a ratio to template matching: of some `VARIANTS`, each with a map of its own, and along a drive."""
     data = read_dataset(resolve_dataset(dataset))
     drive = next(iter(data.sequences.values()))
     images = [read_image(file) for file in drive.files[:8]]
     tasks: dict[str, Callable[[], object]] = {}
-    for name, votes in VARIANTS.items():
+    for name in variants:
+        votes = VARIANTS[name]
         config = config_from_mapping({"observation": {"votes": votes}})
         panorama_map = cached_map(data, config.observation, 0)
         tasks[f"pixels to pose, {name}"] = localizer_step(panorama_map, config, images)
@@ -56,6 +57,7 @@ def speed(dataset: str, repeats: int) -> Report:
             )
             label = f"pixels to vote field, {name.removesuffix(', no refinement')}"
             tasks[label] = partial(_vote_field, model, unwrap, images[0])
+    panorama_map = cached_map(data, config_from_mapping({}).observation, 0)
     for tracking in (False, True):
         how = "tracking" if tracking else "searching all over the map"
         config = config_from_mapping({"localizer": {"tracking": tracking}})

@@ -20,6 +20,11 @@ def _options(parser: argparse.ArgumentParser, repeats: int = 15, *, data: bool =
     parser.add_argument("--repeats", type=at_least(1), default=repeats, metavar="N", help="rounds, tasks in turns in each")
 
 
+def _options_of_speed(parser: argparse.ArgumentParser) -> None:
+    _options(parser)
+    parser.add_argument("--along-a-drive", action="store_true", help="only along a drive, with the map that a run would use")
+
+
 def _options_of_filter(parser: argparse.ArgumentParser) -> None:
     _options(parser, 30, data=False)
     counts = (10_000, 100_000, 1_000_000)
@@ -74,9 +79,9 @@ def _eights(text: str) -> int:
 
 
 def _speed(args: argparse.Namespace) -> Report:
-    from panoloc_mcl.laboratory.benchmarks.speed import speed
+    from panoloc_mcl.laboratory.benchmarks.speed import VARIANTS, speed
 
-    return speed(args.dataset, args.repeats)
+    return speed(args.dataset, args.repeats, () if args.along_a_drive else tuple(VARIANTS))
 
 
 def _profile(args: argparse.Namespace) -> Report:
@@ -161,7 +166,10 @@ def _on_one_thread(work: Callable[[argparse.Namespace], Report], args: argparse.
 #: One line a benchmark: name, summary, options, work.
 BENCHMARKS = (
     Reporting(
-        "speed", "one image, from pixels to pose, against OpenCV's template matching", _options, partial(_on_one_thread, _speed)
+        "speed",
+        "one image, from pixels to pose, against OpenCV's template matching",
+        _options_of_speed,
+        partial(_on_one_thread, _speed),
     ),
     Reporting(
         "profile",

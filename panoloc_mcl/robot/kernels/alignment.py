@@ -231,3 +231,34 @@ def sector_pulls(products: Float64, chosen: Bool, row_step: float, sectors: int)
         pull[3] += sin * m * aet + cos * k * be0
         pull[4] += cos * m * aet - sin * k * be0
     return pulls
+
+
+@kernel
+def agreeing_columns(sums: Float64, reach: int, share: float) -> Bool:
+    """Columns around which view and image agree at least by a share of the upper quartile of all.
+
+    Parameters
+    ----------
+    sums : float64 (3, columns)
+        Inner products of view and image, and both squared norms.
+    reach : int
+        Columns to either side that are looked at together.
+    share : float
+
+    Returns
+    -------
+    bool (columns,)
+    """
+    columns = sums.shape[1]
+    agreement = np.empty(columns)
+    around = np.zeros(3)
+    for c in range(-reach, reach + 1):
+        for i in range(3):
+            around[i] += sums[i, c % columns]
+    for c in range(columns):
+        agreement[c] = around[0] / np.sqrt(max(around[1] * around[2], 1e-12))
+        for i in range(3):
+            around[i] += sums[i, (c + reach + 1) % columns] - sums[i, (c - reach) % columns]
+    upper_quartile = np.partition(agreement, 3 * columns // 4)[3 * columns // 4]
+    found: Bool = agreement >= share * upper_quartile
+    return found

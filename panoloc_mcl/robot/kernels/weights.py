@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.robot.kernels.elementary import exponential
-from panoloc_mcl.robot.kernels.jit import vector_kernel
+from panoloc_mcl.robot.kernels.jit import kernel, vector_kernel
 
 Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
 
 _NONE, _LEAST = np.float32(0.0), np.finfo(np.float32).tiny
 
@@ -66,3 +67,31 @@ def scale(weights: Float32, factor: float) -> None:
     for i in range(weights.shape[0]):
         scaled = weights[i] * by
         weights[i] = _LEAST if scaled < _LEAST else scaled
+
+
+@kernel
+def normal_density(poses: Float64, mean: Float64, whitening: Float64, scale: float) -> Float64:
+    """Density of a normal distribution of poses; headings by the shorter way round.
+
+    Parameters
+    ----------
+    poses : float64 (n, 3)
+    mean : float64 (3,)
+    whitening : float64 (3, 3)
+        Lower triangle: the inverse of the Cholesky factor of the covariance.
+    scale : float
+        Logarithm of the density at the mean.
+
+    Returns
+    -------
+    float64 (n,)
+    """
+    out = np.empty(poses.shape[0])
+    turn = 2.0 * np.pi
+    for i in range(poses.shape[0]):
+        x, y, heading = poses[i, 0] - mean[0], poses[i, 1] - mean[1], poses[i, 2] - mean[2]
+        heading -= turn * np.floor(heading / turn + 0.5)
+        a, b = whitening[0, 0] * x, whitening[1, 0] * x + whitening[1, 1] * y
+        c = whitening[2, 0] * x + whitening[2, 1] * y + whitening[2, 2] * heading
+        out[i] = np.exp(scale - 0.5 * (a * a + b * b + c * c))
+    return out

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from panoloc_mcl.robot.kernels.alignment import agreeing_columns
+
 Float64 = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 
@@ -18,10 +20,5 @@ def agreeing(columns: Float64) -> Bool:
     Where the world is not a floor and a wall (a goal before a wall), or where somebody stands in front of it, the view is wrong, and
     its edges would pull the pose towards them. ``columns`` (3, columns) holds inner products and both squared norms.
     """
-    count = columns.shape[1]
-    reach = max(1, round(_WINDOW_DEG / 720.0 * count))
-    around = np.concatenate([columns[:, -reach - 1 :], columns, columns[:, :reach]], axis=1).cumsum(axis=1)
-    summed = around[:, 2 * reach + 1 :] - around[:, : -2 * reach - 1]
-    agreement = summed[0] / np.sqrt(np.maximum(summed[1] * summed[2], 1e-12))
-    upper_quartile = np.partition(agreement, 3 * count // 4)[3 * count // 4]
-    return np.asarray(agreement >= _SHARE * upper_quartile)
+    reach = max(1, round(_WINDOW_DEG / 720.0 * columns.shape[1]))
+    return agreeing_columns(columns, reach, _SHARE)

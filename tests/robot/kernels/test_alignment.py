@@ -77,3 +77,13 @@ def test_pulls_of_sectors_are_parts_of_the_right_hand_side(variant, sectors: int
     if one is not None:
         expected = variant(alignment.normal_equations)(products, one, 0.01)[1]
         np.testing.assert_allclose(pulls[0], expected, rtol=1e-9, atol=1e-9 * np.abs(whole).max())
+
+
+@pytest.mark.parametrize(("reach", "share"), [(1, 0.6), (10, 0.6), (10, 0.95), (44, 0.6)])
+def test_agreeing_columns_agree_with_windows(variant, reach: int, share: float) -> None:
+    rng = np.random.default_rng(reach)
+    sums = np.abs(rng.standard_normal((3, 90))) + np.array([[0.0], [1.0], [1.0]])
+    windows = np.array([sums[:, np.arange(c - reach, c + reach + 1) % 90].sum(axis=1) for c in range(90)]).T
+    agreement = windows[0] / np.sqrt(windows[1] * windows[2])
+    found = variant(alignment.agreeing_columns)(sums, reach, share)
+    assert np.array_equal(found, agreement >= share * np.sort(agreement)[3 * 90 // 4])

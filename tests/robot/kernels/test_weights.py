@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from scipy.stats import multivariate_normal
 
 from panoloc_mcl.robot.kernels import elementary, weights
 
@@ -58,3 +59,14 @@ def test_no_likelihood_at_all_leaves_the_least_weight(variant) -> None:
     some = np.array([0.0, 1e-45, 1.0], dtype=np.float32)
     variant(weights.scale)(some, 0.5)
     assert some.tolist() == [np.finfo(np.float32).tiny, np.finfo(np.float32).tiny, 0.5]
+
+
+def test_the_normal_density_agrees_with_scipy(variant) -> None:
+    rng = np.random.default_rng(3)
+    root = np.tril(rng.standard_normal((3, 3))) + 2.0 * np.eye(3)
+    mean = np.array([1.0, -2.0, 3.0])
+    away = rng.uniform(-3.0, 3.0, (50, 3))
+    turned = mean + away + np.array([0.0, 0.0, 2.0 * np.pi]) * rng.integers(-2, 3, (50, 1))
+    scale = -1.5 * np.log(2.0 * np.pi) - np.log(np.diag(root)).sum()
+    found = variant(weights.normal_density)(turned, mean, np.linalg.inv(root), float(scale))
+    assert found == pytest.approx(multivariate_normal(np.zeros(3), root @ root.T).pdf(away), rel=1e-9)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from panoloc_mcl.robot.compact_poses import CompactPoses
 from panoloc_mcl.robot.filters.estimate import Cluster
 from panoloc_mcl.robot.filters.particles.clusters import find_clusters
-from panoloc_mcl.robot.geometry import angle_difference
+from panoloc_mcl.robot.kernels.weights import normal_density
 from panoloc_mcl.robot.observation.places import Places
 
 Float32 = NDArray[np.float32]
@@ -71,12 +71,9 @@ class Prior:
 def gaussian(poses: Float64, mean: Float64, covariance: Float64) -> Float64:
     """Density of a normal distribution of poses, (n, 3), one over square metres and radians; headings by the shorter way round."""
     factor = np.linalg.cholesky(covariance)
-    residuals = poses - mean
-    residuals[:, 2] = angle_difference(poses[:, 2], mean[2])
-    whitened = np.linalg.inv(factor) @ residuals.T
     # Log of the determinant and not the product: millimetres to the third are small.
     scale = -1.5 * math.log(2.0 * math.pi) - float(np.log(np.diag(factor)).sum())
-    return np.asarray(np.exp(scale - 0.5 * np.sum(whitened * whitened, axis=0)))
+    return normal_density(np.ascontiguousarray(poses), mean, np.linalg.inv(factor), scale)
 
 
 def uniform_density(places: Places) -> float:
