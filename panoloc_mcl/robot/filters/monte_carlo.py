@@ -270,16 +270,16 @@ class MonteCarloFilter:
     def _remember(self, votes: VoteField, offset: Motion | None) -> None:
         """What the next image needs to know of this one."""
         clusters = find_clusters(self._set.particles, self.weights)
-        memory, vouches, before = self.memory, False, self.memory.vouched
+        memory, before = self.memory, self.memory.vouched
         if votes.informative:
             memory.place_votes = float(votes.read(clusters[0].pose[None])[0])
             memory.seen, memory.way = tuple(votes.best_pose.tolist()), 0.0
             vouches = vouches_for(clusters[0], votes, offset is not None, self.status_settings)
-            memory.vouched = vouches or (memory.vouched and (memory.sure or not memory.known))
+            memory.vouched = vouches or (before and (memory.sure or not memory.known))
         self._answer = self._judged(clusters)
         memory.sure = self._answer.status is Status.CONVERGED
-        if vouches and not memory.sure:
-            # What it stood behind is not what the next one may make of it.
+        if votes.informative and not memory.sure:
+            # What images stood behind is not what the next one may make of it.
             memory.vouched = before and not memory.known
 
     def state(self) -> FilterState:

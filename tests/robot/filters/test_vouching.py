@@ -8,6 +8,7 @@ from oracles.scenes import grid
 from panoloc_mcl.robot.filters import MonteCarloFilter, Start, Status
 from panoloc_mcl.robot.measurement import Agreement, PoseMeasurement
 from panoloc_mcl.robot.observation import Places
+from panoloc_mcl.robot.observation.field import silent_field
 from panoloc_mcl.robot.settings.localizer import MonteCarloSettings, StatusSettings
 
 PLACES = Places(grid(6, 5))
@@ -32,6 +33,20 @@ def test_a_sure_image_stands_behind_its_own_pose_only(seed: int, before: int, co
         state = belief.state()
         if state.status is Status.CONVERGED:
             assert np.hypot(*(state.clusters[0].pose - HERE)[:2]) < 0.5
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("doubtful", [1, 2, 4])
+def test_who_was_led_astray_by_doubt_is_not_sure_when_images_say_nothing(seed: int, doubtful: int) -> None:
+    belief = MonteCarloFilter(PLACES, Start(), MonteCarloSettings(particles=500), StatusSettings(), np.random.default_rng(seed))
+    black = silent_field(hills(PLACES).headings, PLACES, "image is black", full_circle=True)
+    sure, wrong = image_of(HERE, 0.97), image_of(THERE, 0.6)
+    for image in (sure, sure, *[wrong] * doubtful, black, black):
+        belief.propagate(moved(0.3, 0.0, 0.0))
+        belief.update(image)
+        state = belief.state()
+        if state.status is Status.CONVERGED:
+            assert np.hypot(*(state.clusters[0].pose - THERE)[:2]) > 1.0
 
 
 def test_a_sure_image_is_believed_at_once() -> None:
