@@ -19,6 +19,9 @@ Float64 = NDArray[np.float64]
 #: Smoothing of the features in pixels, step by step: far first, then fine; and what is left once a search with larger pixels has ended.
 SCHEDULE = (3.0, 3.0, 3.0, 3.0, 1.5, 1.5, 1.5, 1.0, 1.0, 1.0, 1.0)
 LAST_STEPS = (1.0, 1.0, 1.0, 1.0)
+#: Further steps at the most, until one is small against the standard deviations: poses and a mirror's centre follow each other slowly.
+MORE_STEPS = 10
+_SETTLED = 0.3
 # What is not known to a quarter of how far off it might be is not observable.
 _OBSERVABLE = 0.25
 # Of how far off an unknown may be, a step at the most.
@@ -73,6 +76,8 @@ class Adjustment:
     before, after : float
         Agreement of the images with their views.
     images : int
+    covariance : float64 (n, n)
+        Of all parameters by the scatter of the images alone; rows of those that cannot be told are zero.
     """
 
     camera: AnyCamera
@@ -80,6 +85,30 @@ class Adjustment:
     before: float
     after: float
     images: int
+    covariance: Float64
+
+    def told(self, deviations: float) -> tuple[Estimated, ...]:
+        """Parameters that differ from the description by more than so many standard deviations, given that the others do not.
+
+        Where two look alike to the images, one that is as described says what the other is. The least certain goes first.
+        """
+        kept = [index for index, one in enumerate(self.estimates) if one.observable]
+        start = np.array([one.parameter.start for one in self.estimates])
+        values = np.array([one.value for one in self.estimates])
+        covariance = self.covariance.copy()
+        # What the search itself errs by adds to what is claimed, and has no part in which unknowns look alike.
+        search = np.array([one.sd**2 if one.observable else 0.0 for one in self.estimates]) - np.diag(covariance)
+        while kept:
+            sds = np.sqrt((np.diag(covariance) + search)[kept])
+            least = int(np.argmin(np.abs(values - start)[kept] / sds))
+            if abs(values[kept[least]] - start[kept[least]]) > deviations * sds[least]:
+                break
+            gone = kept.pop(least)
+            gain = covariance[:, gone] / max(covariance[gone, gone], 1e-18)
+            values = values - gain * (values[gone] - start[gone])
+            covariance = covariance - np.outer(gain, covariance[gone])
+        sds = np.sqrt(np.maximum(np.diag(covariance) + search, 0.0))
+        return tuple(Estimated(self.estimates[index].parameter, float(values[index]), float(sds[index])) for index in kept)
 
 
 def adjust(
@@ -89,6 +118,7 @@ def adjust(
     progress: Progress = no_progress,
     schedule: tuple[float, ...] = SCHEDULE,
     begin: Mapping[str, float] | None = None,
+    more: int = 0,
 ) -> Adjustment:
     """Turn the unknowns until the images agree best.
 
@@ -103,6 +133,8 @@ def adjust(
         Smoothing of the features in pixels, step by step.
     begin : mapping of str to float, optional
         Values that an earlier search found; those of the description if left out.
+    more : int
+        Further steps at the most, as smooth as the last, until the search has settled.
     """
     values = np.array([parameter.start if begin is None else begin[parameter.name] for parameter in parameters])
     start = values.copy()
@@ -111,7 +143,9 @@ def adjust(
     before, step = np.nan, np.zeros(len(parameters))
     equations: list[Equations] = []
     covariance = np.zeros((len(parameters), len(parameters)))
-    for round_, sigma in enumerate(schedule):
+    for round_, sigma in enumerate((*schedule, *(schedule[-1],) * more)):
+        if round_ >= len(schedule) and np.all(np.abs(step) <= _SETTLED * np.sqrt(np.diag(covariance))):
+            break
         equations = _equations(camera, parameters, values, scene, sigma)
         before = _agreement(equations) if round_ == 0 else before
         step, covariance = _solved(equations, values - start, largest, free)
@@ -124,13 +158,14 @@ def adjust(
             # From here on only what the data tell; the rest would drift along with it.
             free = np.sqrt(np.diag(covariance)) < _OBSERVABLE * largest
             values[~free] = start[~free]
-        progress(round_ + 1, len(schedule), "camera")
+        progress(min(round_ + 1, len(schedule)), len(schedule), "camera")
     # The last step is as much as the search has not settled.
     accuracy = np.array([parameter.accuracy for parameter in parameters])
+    covariance = np.where(np.outer(free, free), covariance, 0.0)
     sd = np.where(free, np.sqrt(np.diag(covariance) + step**2 + accuracy**2), np.inf)
     estimates = tuple(Estimated(one, float(value), float(s)) for one, value, s in zip(parameters, values, sd, strict=True))
     found = changed(camera, parameters, {one.name: float(value) for one, value in zip(parameters, values, strict=True)})
-    return Adjustment(found, estimates, before, _agreement(equations), len(equations))
+    return Adjustment(found, estimates, before, _agreement(equations), len(equations), covariance)
 
 
 def _equations(camera: AnyCamera, parameters: list[Parameter], values: Float64, scene: Scene, sigma: float) -> list[Equations]:

@@ -15,7 +15,7 @@ from panoloc_mcl.robot.images import read_image
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.settings.observation import VotesSettings
-from panoloc_mcl.tools.calibration.adjustment import LAST_STEPS, Adjustment, Estimated, Scene, adjust
+from panoloc_mcl.tools.calibration.adjustment import LAST_STEPS, MORE_STEPS, Adjustment, Estimated, Scene, adjust
 from panoloc_mcl.tools.calibration.body import FEWEST_IMAGES, MOST_IMAGES, FoundBody, find_body
 from panoloc_mcl.tools.calibration.drives_scene import DrivesScene, Track, Yardstick
 from panoloc_mcl.tools.calibration.features import FINE_COLUMNS
@@ -218,20 +218,20 @@ def _search(
     """From far with large pixels, then the rest with finer ones."""
     rough = adjust(found.camera, parameters, coarse, progress)
     begin = {one.parameter.name: one.value for one in rough.estimates}
-    _take_over(found, adjust(found.camera, parameters, last(rough.camera), progress, LAST_STEPS, begin))
+    _take_over(found, adjust(found.camera, parameters, last(rough.camera), progress, LAST_STEPS, begin, MORE_STEPS))
 
 
 def _take_over(found: Findings, adjustment: Adjustment) -> None:
     """The values that differ from what is described by more than chance; the others stay as they are."""
     found.adjustment = adjustment
+    differ = {one.parameter.name: one for one in adjustment.told(_SIGNIFICANT)}
+    values = {name: round(one.value, 5) for name, one in differ.items()}
+    found.camera = changed(found.camera, [one.parameter for one in differ.values()], values)
+    found.estimates += [differ.get(one.parameter.name, one) for one in adjustment.estimates]
     told = [one for one in adjustment.estimates if one.observable]
-    differ = [one for one in told if abs(one.value - one.parameter.start) > _SIGNIFICANT * one.sd]
-    values = {one.parameter.name: round(one.value, 5) for one in differ}
-    found.camera = changed(found.camera, [one.parameter for one in differ], values)
-    found.estimates += adjustment.estimates
     found.lines.append(f"agreement of {adjustment.images} images with views of them: {adjustment.after:.3f}")
     if len(differ) < len(told):
-        kept = ", ".join(one.parameter.name for one in told if one not in differ)
+        kept = ", ".join(one.parameter.name for one in told if one.parameter.name not in differ)
         found.lines.append(f"kept as described, within {_SIGNIFICANT:g} standard deviations: {kept}")
     unseen = [one.parameter.name for one in adjustment.estimates if not one.observable]
     if unseen:

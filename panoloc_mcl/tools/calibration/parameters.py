@@ -85,7 +85,7 @@ def parameters_by_references(camera: AnyCamera, *, placed: bool) -> list[Paramet
 
 def parameters_by_map(camera: AnyCamera) -> list[Parameter]:
     """What may be estimated of another camera by a map: its optics and its tilt."""
-    return [*_of_optics(camera), *_of_tilt(camera.mounting)]
+    return [*_of_optics(camera, shift_accuracy_deg=0.05), *_of_tilt(camera.mounting)]
 
 
 def _of_tilt(mount: Mount) -> list[Parameter]:
@@ -103,11 +103,11 @@ def changed(camera: AnyCamera, parameters: list[Parameter], values: Mapping[str,
     return camera
 
 
-def _of_optics(camera: AnyCamera) -> list[Parameter]:
+def _of_optics(camera: AnyCamera, shift_accuracy_deg: float = 0.2) -> list[Parameter]:
     if isinstance(camera, PanoramaCamera):
         return [
             Parameter(ELEVATION_SCALE, "", 1.0, 0.01, 0.2, 0.002, _elevation_scale),
-            Parameter("elevation shift", "deg", 0.0, 0.3, 8.0, 0.2, _elevation_shift),
+            Parameter("elevation shift", "deg", 0.0, 0.3, 8.0, shift_accuracy_deg, _elevation_shift),
         ]
     if isinstance(camera, OmniCamera):
         u, v = camera.center_px
