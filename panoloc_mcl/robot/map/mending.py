@@ -19,6 +19,7 @@ from panoloc_mcl.robot.map.keyframes import Edges, Keyframes, is_still
 from panoloc_mcl.robot.map.pairs import PairMeasurements, measure_pairs, neighbour_pairs
 from panoloc_mcl.robot.map.pose_graph import Priors, Solution, solve
 from panoloc_mcl.robot.map.relocation import contradicted, relocated
+from panoloc_mcl.robot.map.survey_scale import SurveyScale
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.references import ReferencePanoramas, References, read_references
 from panoloc_mcl.robot.settings.map import MapSettings
@@ -121,6 +122,7 @@ class _Mending:
         self.sds = _given_sds(source, settings)
         self.threads = votes.virtual_places.threads or os.cpu_count() or 1
         self.edges = Edges.none()
+        self.metres = SurveyScale(1.0, np.inf)
         # References that were looked for elsewhere, found there, that no other fits, and that are in nobody's way.
         self.sought: set[int] = set()
         self.anew: set[int] = set()
@@ -164,7 +166,14 @@ class _Mending:
         measured = measure_pairs(synthesizer, pairs, starts, self.votes, near, progress, self.threads)
         sufficient = _LEAST_SHARE * float(np.median(measured.agreement)) if len(pairs) else 1.0
         self.edges = robot_edges(measured, self.poses[:, 2], sufficient)
-        solution = solve(self.poses, self.edges, Priors(self.given, self.sds))
+        priors = Priors(self.given, self.sds)
+        solution = solve(self.poses, self.edges, priors)
+        known = np.isfinite(solution.prior_weights) & ~np.isinf(self.sds).any(axis=1)
+        self.metres = SurveyScale.of(solution.poses, self.given, np.where(known, solution.prior_weights, 0.0))
+        if self.metres.is_off:
+            # The survey is the frame: it is not stretched to what images make of a height that was measured wrongly.
+            self.edges = self.metres.of_survey(self.edges)
+            solution = solve(self.poses, self.edges, priors)
         self.edges = solution.edges
         return solution, synthesizer, sufficient
 
@@ -253,7 +262,10 @@ class _Mending:
             tuple(names[index] for index in anew),
         ).of(kept)
         mended = source.moved_to(self.poses).of(kept)
-        return Mended(mended, read_references(mended), keyframes, tuple(_notes(keyframes)))
+        panoramas = read_references(mended)
+        height = panoramas.camera_height_m
+        metres = (self.metres.note(height),) if self.metres.is_off and height is not None else ()
+        return Mended(mended, panoramas, keyframes, (*_notes(keyframes), *metres))
 
 
 def closure_error(edges: Edges) -> float:

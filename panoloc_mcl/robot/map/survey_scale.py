@@ -1,0 +1,74 @@
+"""Whether images and given poses agree on how long a metre is.
+
+Images tell the length of their baselines by the height of the camera above the floor. If that is described wrongly, all relative poses
+are too long or too short alike, and a pose graph would stretch a good survey to fit them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from panoloc_mcl.robot.map.keyframes import Edges
+
+Float64 = NDArray[np.float64]
+
+# A scale is off if it differs from 1 by so many standard deviations and by this share at least.
+_CLEAR, _LEAST = 4.0, 0.02
+
+
+@dataclass(frozen=True)
+class SurveyScale:
+    """Lengths by the images over those of the survey.
+
+    Parameters
+    ----------
+    ratio : float
+    sd : float
+        Its standard deviation.
+    """
+
+    ratio: float
+    sd: float
+
+    @classmethod
+    def of(cls, poses: Float64, given: Float64, weights: Float64) -> SurveyScale:
+        """From poses (n, 3) that fit the images, and given ones (n, 3) with weights (n,): a similarity, by least squares.
+
+        Given poses are regressed on the others, as their errors are the larger ones: the other way round would shrink the ratio.
+        """
+        total = float(weights.sum())
+        if total < 4.0:
+            return cls(1.0, np.inf)
+        own, theirs = (xy[:, :2] - weights @ xy[:, :2] / total for xy in (poses, given))
+        along = float(weights @ (own * theirs).sum(axis=1))
+        across = float(weights @ (own[:, 0] * theirs[:, 1] - own[:, 1] * theirs[:, 0]))
+        extent = float(weights @ (own**2).sum(axis=1))
+        if extent <= 0.0 or np.hypot(along, across) <= 0.0:
+            return cls(1.0, np.inf)
+        turned = np.array([[along, -across], [across, along]]) / extent
+        left = theirs - own @ turned.T
+        variance = float(weights @ (left**2).sum(axis=1)) / (2.0 * total - 4.0)
+        shrunk = float(np.hypot(along, across)) / extent
+        return cls(1.0 / shrunk, float(np.sqrt(variance / extent)) / shrunk**2)
+
+    @property
+    def is_off(self) -> bool:
+        """Whether images and survey clearly differ."""
+        return abs(self.ratio - 1.0) > max(_CLEAR * self.sd, _LEAST)
+
+    def of_survey(self, edges: Edges) -> Edges:
+        """Measured relative poses in the metres of the survey."""
+        return replace(edges, measured=edges.measured / [self.ratio, self.ratio, 1.0])
+
+    def note(self, height_m: float) -> str:
+        """What the user should know."""
+        off = f"{100.0 * abs(self.ratio - 1.0):.0f} %"
+        longer = "longer" if self.ratio > 1.0 else "shorter"
+        return (
+            f"camera.height_m = {height_m:g}: images make distances {off} {longer} than the given poses, "
+            f"with {height_m / self.ratio:.3f} they would agree. Poses are mended in the metres that are given; correct the height, or "
+            "run panoloc calibrate"
+        )
