@@ -32,6 +32,10 @@ Float64 = NDArray[np.float64]
 
 # A map that is so probable is taken for the one; the others look at every so many-th image once it is nearly certain.
 _SURE, _CERTAIN, _ASKED_EVERY = 0.95, 0.99, 5
+# A map that fits by this share as well as the best one looks alike, and sees every image.
+_LOOKS_ALIKE = 0.02
+# Without an image that counted for so long, s, a robot may have taken a lift that nobody told of, with this probability.
+_UNSEEN_S, _RIDDEN = 5.0, 0.5
 # Maps of this probability or more are named while it cannot be told.
 _NAMED = 0.05
 _FORMAT = "panoloc-floors/1"
@@ -88,6 +92,9 @@ class FloorLocalizer:
         self._estimates: dict[str, Estimate] = {}
         self._images = 0
         self._seen: tuple[str, Float64] | None = None
+        # When an image counted last, seconds; and whether another map looked like the most probable one.
+        self._counted = math.nan
+        self._alike = True
         self._lock = Lock()
 
     @property
@@ -126,24 +133,39 @@ class FloorLocalizer:
         self._images += 1
         ways, best = self._ways(), self.map_name
         answers = {best: self._localizers[best].add_image(timestamp, image)}
-        if ways or not self._needs_no_other(answers[best]):
+        carried = self._carried_off(answers[best])
+        if ways or carried >= _RIDDEN or not self._needs_no_other(answers[best]):
             answers |= {name: self._localizers[name].add_image(timestamp, image) for name in self._names if name != best}
         self._estimates |= {name: estimate for name, estimate in answers.items() if estimate is not None}
         if all(estimate is None for estimate in answers.values()):
             return None
-        carried = _carried_off(answers[best])
         self._belief.predict(ways, carried)
         if len(answers) == 1 < len(self._names):
             return self._judged(answers)
         fields = [None if (answer := answers.get(name)) is None else answer.vote_field for name in self._names]
-        self._belief.update(how_well_each_fits(fields), max(self._new_since_last(), carried))
+        fits = how_well_each_fits(fields)
+        self._alike = int(np.count_nonzero(fits > _LOOKS_ALIKE)) > 1
+        self._belief.update(fits, max(self._new_since_last(), carried))
         return self._judged(answers)
 
     def _needs_no_other(self, answer: Estimate | None) -> bool:
         """Whether the answer on the most probable map is enough, and the other maps need not see the image."""
-        if self._belief.probabilities.max() < _CERTAIN or self._images % _ASKED_EVERY == 0:
+        if self._alike or self._belief.probabilities.max() < _CERTAIN or self._images % _ASKED_EVERY == 0:
             return False
         return answer is None or answer.status is Status.CONVERGED
+
+    def _carried_off(self, answer: Estimate | None) -> float:
+        """Probability that the robot is not where odometry led: by the image, or as nothing was seen for long."""
+        if answer is None:
+            return 0.0
+        before, counts = self._counted, answer.vote_field is not None and answer.vote_field.informative
+        if counts:
+            self._counted = answer.timestamp
+        if answer.status is Status.LOST:
+            return 1.0
+        elsewhere = 0.0 if math.isnan(answer.state.elsewhere) else answer.state.elsewhere
+        unseen = counts and answer.timestamp - before > _UNSEEN_S
+        return max(elsewhere, _RIDDEN if unseen else 0.0)
 
     def _ways(self) -> dict[int, int]:
         """Other maps that the robot may be on when the next image comes, by the map where it is near a transition."""
@@ -280,12 +302,6 @@ class FloorLocalizer:
     def counts(self) -> dict[str, int]:
         """As `Localizer.counts`, of the most probable map; and the images of all."""
         return self.localizer.counts | {"images": self._images}
-
-
-def _carried_off(answer: Estimate | None) -> float:
-    """Probability that the robot is not where odometry led."""
-    elsewhere = math.nan if answer is None else answer.state.elsewhere
-    return 0.0 if math.isnan(elsewhere) else elsewhere
 
 
 def _beside(path: Path, number: int) -> Path:
