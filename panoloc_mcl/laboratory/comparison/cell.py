@@ -13,10 +13,9 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from threading import Lock
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from panoloc_mcl.laboratory.comparison.alone import look
@@ -24,12 +23,13 @@ from panoloc_mcl.laboratory.comparison.matrix import Cell
 from panoloc_mcl.laboratory.comparison.runs import FORMAT, Failure, MapCost, Overheard, Runs
 from panoloc_mcl.laboratory.corruptions import Recipe, corrupt, parse_recipe
 from panoloc_mcl.laboratory.corruptions.recipe import CLEAN
+from panoloc_mcl.laboratory.through import SeenThrough
 from panoloc_mcl.robot.camera import Panorama, to_mapping
 from panoloc_mcl.robot.errors import DatasetError, PanolocError
 from panoloc_mcl.robot.files import cache_folder
 from panoloc_mcl.robot.images import ImageSource
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
-from panoloc_mcl.robot.observation import ObservationModel, VoteField, model_named
+from panoloc_mcl.robot.observation import ObservationModel, model_named
 from panoloc_mcl.tools.config import RunConfig
 from panoloc_mcl.tools.datasets import Dataset, read_dataset, resolve_dataset
 from panoloc_mcl.tools.datasets import Sequence as Drive
@@ -240,23 +240,21 @@ def forget_data() -> None:
     _content.cache_clear()
 
 
-class _Disturbed:
+class _Disturbed(SeenThrough):
     """An observation model that sees corrupted panoramas. The same panorama is always corrupted in the same way, so that
     methods are compared on the same images."""
 
     def __init__(self, model: ObservationModel, recipe: Recipe, seed: int, panorama_map: PanoramaMap) -> None:
-        self._model, self._recipe = model, recipe
+        super().__init__(model)
+        self._recipe = recipe
         self._salt = (seed, zlib.crc32(recipe.text.encode()))
         self._elevation_deg = panorama_map.geometry.elevation_deg
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._model, name)
-
-    def observe(self, panorama: Panorama, headings: NDArray[np.float64] | None = None) -> VoteField:
-        """Votes of the corrupted panorama."""
-        seen = np.clip(np.rint(panorama.pixels), 0.0, 255.0).astype(np.uint8)
-        rng = np.random.default_rng((*self._salt, zlib.crc32(seen.tobytes())))
-        return self._model.observe(self._recipe.panorama(panorama, rng, self._elevation_deg), headings)
+    def seen(self, panorama: Panorama) -> Panorama:
+        """Corrupted."""
+        grey = np.clip(np.rint(panorama.pixels), 0.0, 255.0).astype(np.uint8)
+        rng = np.random.default_rng((*self._salt, zlib.crc32(grey.tobytes())))
+        return self._recipe.panorama(panorama, rng, self._elevation_deg)
 
 
 def _shortened(task: Task, recipe: Recipe, seed: int) -> Task:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -17,12 +17,12 @@ from panoloc_mcl.laboratory.corruptions import Recipe, parse_recipe
 from panoloc_mcl.laboratory.corruptions.dataset import corrupt
 from panoloc_mcl.laboratory.reports import Report
 from panoloc_mcl.laboratory.studies.claims import Claims, kept
+from panoloc_mcl.laboratory.through import SeenThrough
 from panoloc_mcl.robot.camera import Panorama
 from panoloc_mcl.robot.errors import ConfigError
-from panoloc_mcl.robot.geometry import FloatArray
 from panoloc_mcl.robot.localizer import Localizer
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
-from panoloc_mcl.robot.observation import ObservationModel, VoteField
+from panoloc_mcl.robot.observation import ObservationModel
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.tools.config import RunConfig
 from panoloc_mcl.tools.datasets import Dataset, read_dataset, resolve_dataset
@@ -223,13 +223,15 @@ def _claims(
 ) -> Claims:
     """Of one drive."""
     claims = Claims()
+    # A single image is looked for all over the map, whatever is known.
+    searching = config.model_copy(update={"localizer": config.localizer.model_copy(update={"tracking": False})})
     recipe = f"{condition.images}+noise:{_NOISE:g}" if condition.standing else condition.images
     parsed = parse_recipe(recipe.removeprefix("clean+"))
     seed = (config.seed, zlib.crc32(drive.name.encode()))
     for number, way in enumerate(_standing(drive, condition.standing) if condition.standing else [drive]):
         localizer = Localizer(
             panorama_map,
-            config,
+            searching,
             camera=drive.camera,
             image_size=drive.image_size,
             seed=(*seed, number),
@@ -241,22 +243,20 @@ def _claims(
     return claims
 
 
-class _Through:
+class _Through(SeenThrough):
     """A model that sees images as a recipe has them, each with random numbers of its own."""
 
     def __init__(self, model: ObservationModel, recipe: Recipe, seed: tuple[int, ...], panorama_map: PanoramaMap) -> None:
-        self._model, self._recipe, self._seed, self._count = model, recipe, seed, 0
+        super().__init__(model)
+        self._recipe, self._seed, self._count = recipe, seed, 0
         self._elevation_deg = panorama_map.geometry.elevation_deg
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._model, name)
-
-    def observe(self, panorama: Panorama, headings: FloatArray | None = None) -> VoteField:
-        """Votes of the panorama as it would have been."""
+    def seen(self, panorama: Panorama) -> Panorama:
+        """As the recipe has it."""
         self._count += 1
-        if self._recipe.changes_images:
-            panorama = self._recipe.panorama(panorama, np.random.default_rng((*self._seed, self._count)), self._elevation_deg)
-        return self._model.observe(panorama, headings)
+        if not self._recipe.changes_images:
+            return panorama
+        return self._recipe.panorama(panorama, np.random.default_rng((*self._seed, self._count)), self._elevation_deg)
 
 
 def _standing(drive: Drive, images: int) -> Iterator[Drive]:

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from panoloc_mcl.laboratory.through import SeenThrough
 from panoloc_mcl.robot.camera import Panorama
 from panoloc_mcl.robot.errors import DatasetError
 from panoloc_mcl.robot.geometry import between, compose
 from panoloc_mcl.robot.images import ImageSource
-from panoloc_mcl.robot.observation import ObservationModel, VoteField
+from panoloc_mcl.robot.observation import ObservationModel
 from panoloc_mcl.tools.datasets import Sequence as Drive
 from panoloc_mcl.tools.datasets import Trajectory
 
@@ -104,7 +104,7 @@ def kidnapped(drives: Sequence[Drive], stretch: int, columns: int, rng: np.rando
     return Kidnapped(drive, carried, np.concatenate(turns))
 
 
-class Turned:
+class Turned(SeenThrough):
     """An observation model that sees each panorama as a robot that is turned; images come in the order of the turns.
 
     Parameters
@@ -115,13 +115,11 @@ class Turned:
     """
 
     def __init__(self, model: ObservationModel, turns: Iterable[int]) -> None:
-        self._model, self._turns = model, iter(turns)
+        super().__init__(model)
+        self._turns = iter(turns)
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._model, name)
-
-    def observe(self, panorama: Panorama, headings: Float64 | None = None) -> VoteField:
-        """Votes of the panorama, turned."""
+    def seen(self, panorama: Panorama) -> Panorama:
+        """Turned."""
         shift = -int(next(self._turns))
         valid = None if panorama.valid is None else np.roll(panorama.valid, shift, axis=1)
-        return self._model.observe(Panorama(np.roll(panorama.pixels, shift, axis=1), valid), headings)
+        return Panorama(np.roll(panorama.pixels, shift, axis=1), valid)
