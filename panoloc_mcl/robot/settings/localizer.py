@@ -231,7 +231,7 @@ class StatusSettings(StrictModel):
         description="Lost: after having been converged, what the belief explains of the best votes (running average) is below this, …",
     )
     lost_chance: Share = Field(
-        0.1,
+        0.05,
         description="… or an image says with at least this probability that the robot is elsewhere, or refutes the pose that the last "
         "answer was sure of.",
     )
