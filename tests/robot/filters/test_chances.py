@@ -83,7 +83,7 @@ def test_a_sure_image_that_contradicts_divides_the_belief_and_the_next_decides(s
 def test_who_was_sure_of_a_pose_says_lost_before_being_sure_of_another(seed: int) -> None:
     belief = settled(seed)
     # Too doubtful to shake the belief, but remembered by a few particles, so that the next image is no surprise.
-    belief.update(image_of(THERE, doubt=0.15))
+    belief.update(image_of(THERE, doubt=0.3))
     assert belief.state().status is Status.CONVERGED
     belief.propagate(STEP)
     belief.update(image_of(THERE))
