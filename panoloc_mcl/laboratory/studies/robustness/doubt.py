@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.laboratory.reports import Rate, Report
+from panoloc_mcl.robot.errors import ConfigError
 from panoloc_mcl.robot.filters import Estimate, Status
 from panoloc_mcl.robot.interface.messages import Image, Message
 from panoloc_mcl.robot.localizer import Localizer
@@ -125,7 +126,7 @@ def study(
         wrong: list[tuple[str, bool]] = []
         statuses: Counter[str] = Counter()
         sizes: list[int] = []
-        for drive, estimates, references in _row(row, dataset, other, sequences, config, every):
+        for drive, estimates, references in _row(row, dataset, other, sequences, config, every, drives):
             sizes.append(references)
             for estimate, off_m in estimates:
                 statuses[estimate.status.value] += 1
@@ -144,7 +145,13 @@ _Run = tuple[str, Iterator[tuple[Estimate, float]], int]
 
 
 def _row(
-    row: str, dataset: Dataset, other: Dataset | None, drives: Sequence[Drive], config: RunConfig, every: int
+    row: str,
+    dataset: Dataset,
+    other: Dataset | None,
+    drives: Sequence[Drive],
+    config: RunConfig,
+    every: int,
+    most: int | None,
 ) -> Iterator[_Run]:
     """The runs of a row: drive, its answers with their errors, references of the map."""
     if row in PARTS:
@@ -160,7 +167,7 @@ def _row(
         yield from _runs(panorama_map, drives, config, STREAMS[row])
         return
     assert other is not None
-    yield from _runs(panorama_map, _some(other, None, every, None), config, None, elsewhere=True)
+    yield from _runs(panorama_map, _some(other, "all", every, most), config, None, elsewhere=True)
     theirs = cached_map(other, config.observation, config.seed, no_progress, config.map)
     yield from _runs(theirs, drives, config, None, elsewhere=True)
 
@@ -213,10 +220,17 @@ def _spoilt(drive: Drive, spoil: Callable[[Image, Image], Image] | None, begin: 
             yield spoil(message, last)
 
 
-def _some(dataset: Dataset, names: Sequence[str] | None, every: int, most: int | None) -> list[Drive]:
-    drives = [
-        drive for drive in dataset.sequences.values() if drive.groundtruth is not None and (not names or drive.name in names)
-    ]
+def _some(dataset: Dataset, names: str | Sequence[str], every: int, most: int | None) -> list[Drive]:
+    """Drives with ground truth among those selected, so many at most, evenly over all.
+
+    Raises
+    ------
+    ConfigError
+        There is none.
+    """
+    drives = [drive for drive in dataset.select(names) if drive.groundtruth is not None]
+    if not drives:
+        raise ConfigError(f"{dataset.path}: has no sequence with ground truth among those selected; use another data set")
     if most is not None and most < len(drives):
         drives = [drives[index] for index in np.linspace(0, len(drives) - 1, most).round().astype(int)]
     return [drive.of(np.arange(0, len(drive), every)) for drive in drives]

@@ -50,6 +50,7 @@ def test_every_row_is_driven_and_a_lie_is_seen(room: Path, monkeypatch) -> None:
     rows = honest.tables[0].data()["rows"]
     assert [row["what"] for row in rows] == [*PARTS, *STREAMS, FOREIGN, "all"]
     assert all(row["answers"] > 0 for row in rows)
+    assert all(row["runs"] == 1 for row in rows[: len(PARTS) + len(STREAMS)])
     add_image = Localizer.add_image
 
     def lying(self, timestamp, image):
