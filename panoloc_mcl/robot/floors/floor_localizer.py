@@ -139,6 +139,9 @@ class FloorLocalizer:
         self._estimates |= {name: estimate for name, estimate in answers.items() if estimate is not None}
         if all(estimate is None for estimate in answers.values()):
             return None
+        if not _counts(answers[best]) and any(_counts(answer) for answer in answers.values()):
+            # It fits another map, and this one nowhere.
+            carried = max(carried, _RIDDEN)
         self._belief.predict(ways, carried)
         if len(answers) == 1 < len(self._names):
             return self._judged(answers)
@@ -152,13 +155,13 @@ class FloorLocalizer:
         """Whether the answer on the most probable map is enough, and the other maps need not see the image."""
         if self._alike or self._belief.probabilities.max() < _CERTAIN or self._images % _ASKED_EVERY == 0:
             return False
-        return answer is None or answer.status is Status.CONVERGED
+        return answer is None or (answer.status is Status.CONVERGED and _counts(answer))
 
     def _carried_off(self, answer: Estimate | None) -> float:
         """Probability that the robot is not where odometry led: by the image, or as nothing was seen for long."""
         if answer is None:
             return 0.0
-        before, counts = self._counted, answer.vote_field is not None and answer.vote_field.informative
+        before, counts = self._counted, _counts(answer)
         if counts:
             self._counted = answer.timestamp
         if answer.status is Status.LOST:
@@ -302,6 +305,11 @@ class FloorLocalizer:
     def counts(self) -> dict[str, int]:
         """As `Localizer.counts`, of the most probable map; and the images of all."""
         return self.localizer.counts | {"images": self._images}
+
+
+def _counts(answer: Estimate | None) -> bool:
+    """Whether an image says anything of a map."""
+    return answer is not None and answer.vote_field is not None and answer.vote_field.informative
 
 
 def _beside(path: Path, number: int) -> Path:
