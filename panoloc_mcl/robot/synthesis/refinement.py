@@ -240,7 +240,8 @@ class PoseRefiner:
 
     def _is_still(self, change: Float64, equations: Equations) -> bool:
         """Whether a step is about what the image can tell, or far less than it does tell."""
-        sd = np.sqrt(np.diag(equations.noise(self._unknowns)))
+        # Sums in single precision may make of a direction that nothing tells one of negative variance.
+        sd = np.sqrt(np.maximum(np.diag(equations.noise(self._unknowns)), 0.0))
         far, turned = float(np.hypot(change[0], change[1])), abs(float(change[2]))
         return far < max(_SMALLEST_STEP_M, _SMALL * float(max(sd[0], sd[1]))) and turned < max(
             _SMALLEST_TURN, _SMALL * float(sd[2])
