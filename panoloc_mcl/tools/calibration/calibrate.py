@@ -218,19 +218,27 @@ def _search(
     """From far with large pixels, then the rest with finer ones."""
     rough = adjust(found.camera, parameters, coarse, progress)
     begin = {one.parameter.name: one.value for one in rough.estimates}
-    _take_over(found, adjust(found.camera, parameters, last(rough.camera), progress, LAST_STEPS, begin, MORE_STEPS))
+    fine = last(rough.camera)
+    _take_over(found, adjust(found.camera, parameters, fine, progress, LAST_STEPS, begin, MORE_STEPS), fine)
 
 
-def _take_over(found: Findings, adjustment: Adjustment) -> None:
+def _take_over(found: Findings, adjustment: Adjustment, scene: Scene) -> None:
     """The values that differ from what is described by more than chance; the others stay as they are."""
     found.adjustment = adjustment
     differ = {one.parameter.name: one for one in adjustment.told(_SIGNIFICANT)}
     values = {name: round(one.value, 5) for name, one in differ.items()}
-    found.camera = changed(found.camera, [one.parameter for one in differ.values()], values)
+    camera = changed(found.camera, [one.parameter for one in differ.values()], values)
+    if differ and isinstance(scene, ReferencesScene):
+        gain, error = scene.gain(camera, found.camera)
+        if gain < _SIGNIFICANT * error:
+            # A search has errors of its own; what shows in no image is not better.
+            found.lines.append(f"kept as described, for images agree no better with what was found: {', '.join(differ)}")
+            differ, camera = {}, found.camera
+    found.camera = camera
     found.estimates += [differ.get(one.parameter.name, one) for one in adjustment.estimates]
     told = [one for one in adjustment.estimates if one.observable]
     found.lines.append(f"agreement of {adjustment.images} images with views of them: {adjustment.after:.3f}")
-    if len(differ) < len(told):
+    if differ and len(differ) < len(told):
         kept = ", ".join(one.parameter.name for one in told if one.parameter.name not in differ)
         found.lines.append(f"kept as described, within {_SIGNIFICANT:g} standard deviations: {kept}")
     unseen = [one.parameter.name for one in adjustment.estimates if not one.observable]

@@ -31,6 +31,8 @@ Float64 = NDArray[np.float64]
 
 _MOST_IMAGES, _NEIGHBOURS = 14, 3
 _WALLS_M = np.geomspace(0.4, 15.0, 13)
+# Smoothing with which two cameras are compared, as at the end of a search.
+_FINE_PX = 1.0
 _SMOOTHING_DEG = 9.0
 _LOG_STEP = 0.03
 _COARSE_PX = 2.0
@@ -129,7 +131,8 @@ class ReferencesScene:
     def sweep(self, camera: AnyCamera, sigma_px: float, targets: Sequence[int] | None = None) -> float:
         """Find the walls around targets by trying distances; gives the agreement that they reach."""
         panoramas = self.panoramas(camera)
-        width = max(1, round(_SMOOTHING_DEG * self.geometry.width / 360.0))
+        # Odd: an even number of columns has no middle, and walls half a column aside look like a camera that is turned.
+        width = 2 * round(0.5 * (_SMOOTHING_DEG * self.geometry.width / 360.0 - 1.0)) + 1
         profiles, common, energy = [], 0.0, 0.0
         for at in range(len(self.targets)) if targets is None else targets:
             mine = self.own(panoramas, at, sigma_px)
@@ -150,6 +153,12 @@ class ReferencesScene:
         if targets is None:
             self.profiles = profiles
         return common / max(energy, 1e-12)
+
+    def gain(self, camera: AnyCamera, other: AnyCamera) -> tuple[float, float]:
+        """By how much targets agree better with one camera than with another, each with walls of its own; and its standard error."""
+        targets = range(len(self.targets))
+        more = np.array([self.sweep(camera, _FINE_PX, [at]) - self.sweep(other, _FINE_PX, [at]) for at in targets])
+        return float(more.mean()), float(more.std(ddof=1) / np.sqrt(len(more)))
 
     def equations(
         self, camera: AnyCamera, varied: list[tuple[AnyCamera, AnyCamera]], steps: Float64, sigma_px: float
