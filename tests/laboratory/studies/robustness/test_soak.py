@@ -62,7 +62,7 @@ def test_what_breaks_is_found(small_room: Dataset, monkeypatch) -> None:
         if estimate is None or number < 10:
             return estimate
         return replace(
-            estimate, pose=np.add(estimate.pose, (5.0, 0.0, 0.0)), status=Status.CONVERGED, covariance=-np.eye(3), reasons=()
+            estimate, pose=np.add(estimate.pose, (500.0, 0.0, 0.0)), status=Status.CONVERGED, covariance=-np.eye(3), reasons=()
         )
 
     monkeypatch.setattr(Localizer, "add_image", failing)
