@@ -99,7 +99,6 @@ class Simulation:
             light_of(scene, group.light, f"sequences.{order}.light")
         self._buildings: dict[_BuildingKey, Building] = {}
         self._casters: dict[_BuildingKey, RayCaster] = {}
-        # Another floor may be furnished otherwise, and is recorded so.
         self._recorded = (config.references_moved, config.seed) if config.references_moved > 0.0 else _AS_IT_STANDS
         building = self._building(self._recorded)
         height = config.camera.height_m or 0.0
