@@ -45,7 +45,7 @@ class FloorLocalizer:
     """Tells a robot on which of several maps it is, and where on it.
 
     Every map has a localizer of its own. While the map is not known, all of them see every image; the status is ``ambiguous``, and the
-    message names the maps, until one is clearly the most probable. Used like a `Localizer`; ``Estimate.map`` names the map that the
+    message names the maps, until one is clearly the most probable. Fed like a `Localizer`; ``Estimate.map`` names the map that the
     pose is in.
 
     Parameters
@@ -247,7 +247,9 @@ class FloorLocalizer:
 
     @locked
     def save_state(self, path: str | Path) -> None:
-        """Save all that the next estimate depends on: the belief in this file, that on each map in one beside it.
+        """Save the belief over the maps in this file, and the state of each map's localizer in one beside it.
+
+        When an image counted last and how far the robot has come since are not kept: the next image is taken for new.
 
         Raises
         ------
@@ -266,7 +268,7 @@ class FloorLocalizer:
         Raises
         ------
         StateError
-            Missing or damaged, or saved with other maps or settings.
+            Missing or damaged, or saved with other maps or settings. Localizers of maps before the damaged one have then gone on.
         """
         try:
             header, arrays = read_arrays(Path(path))
