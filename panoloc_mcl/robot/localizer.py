@@ -14,10 +14,10 @@ from panoloc_mcl.robot.camera import Camera, Unwrapper
 from panoloc_mcl.robot.errors import ImageError
 from panoloc_mcl.robot.filters import Estimate, Status
 from panoloc_mcl.robot.interface.answers import tells_more
-from panoloc_mcl.robot.interface.messages import Image, Message, Odometry
 from panoloc_mcl.robot.interface.mounting_tilt import MountingTilt
 from panoloc_mcl.robot.interface.saved_state import SavedState
 from panoloc_mcl.robot.interface.starting import make_filter, start_of
+from panoloc_mcl.robot.interface.taking import TakesMessages
 from panoloc_mcl.robot.locks import Lock, locked
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.motion import Anchor, ImageClock, Motion, OdometryBuffer, blind, planar_pose, seconds
@@ -36,7 +36,7 @@ _SEARCHED_EVERY = 10
 _UNDECIDED = (Status.SEARCHING, Status.AMBIGUOUS)
 
 
-class Localizer(SavedState):
+class Localizer(SavedState, TakesMessages):
     """Tells a robot with a panoramic camera where it is and where it looks.
 
     All methods may be called from any thread: images are processed one at a time, and neither `add_odometry` nor `pose_at` waits
@@ -105,14 +105,6 @@ class Localizer(SavedState):
         self._anchor: tuple[Anchor, Status] | None = None
         self._has_fix = False
         self._lock = Lock()
-
-    def add(self, message: Message) -> Estimate | None:
-        """Take a message of a recording or of a robot; a `Truth` is not looked at."""
-        if isinstance(message, Odometry):
-            self.add_odometry(message.timestamp, message.pose, message.velocity, message.covariance)
-        elif isinstance(message, Image):
-            return self.add_image(message.timestamp, message.pixels())
-        return None
 
     def add_odometry(
         self, timestamp: float, pose: ArrayLike, velocity: ArrayLike | None = None, covariance: ArrayLike | None = None

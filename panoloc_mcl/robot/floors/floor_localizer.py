@@ -19,7 +19,7 @@ from panoloc_mcl.robot.filters.shared_error import new_share
 from panoloc_mcl.robot.floors.belief import FloorBelief, how_well_each_fits
 from panoloc_mcl.robot.floors.transitions import Transition
 from panoloc_mcl.robot.interface.answers import TimedPose
-from panoloc_mcl.robot.interface.messages import Image, Message, Odometry
+from panoloc_mcl.robot.interface.taking import TakesMessages
 from panoloc_mcl.robot.localizer import Localizer
 from panoloc_mcl.robot.locks import Lock, locked
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
@@ -41,7 +41,7 @@ _NAMED = 0.05
 _FORMAT = "panoloc-floors/1"
 
 
-class FloorLocalizer:
+class FloorLocalizer(TakesMessages):
     """Tells a robot on which of several maps it is, and where on it.
 
     Every map has a localizer of its own. While the map is not known, all of them see every image; the status is ``ambiguous``, and the
@@ -111,14 +111,6 @@ class FloorLocalizer:
     def localizer(self) -> Localizer:
         """That of the most probable map."""
         return self._localizers[self.map_name]
-
-    def add(self, message: Message) -> Estimate | None:
-        """As `Localizer.add`."""
-        if isinstance(message, Odometry):
-            self.add_odometry(message.timestamp, message.pose, message.velocity, message.covariance)
-        elif isinstance(message, Image):
-            return self.add_image(message.timestamp, message.pixels())
-        return None
 
     def add_odometry(
         self, timestamp: float, pose: ArrayLike, velocity: ArrayLike | None = None, covariance: ArrayLike | None = None
