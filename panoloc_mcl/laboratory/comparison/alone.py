@@ -19,13 +19,12 @@ from panoloc_mcl.robot.observation import ObservationModel
 from panoloc_mcl.tools.datasets import Sequence as Drive
 from panoloc_mcl.tools.datasets import read_image
 from panoloc_mcl.tools.datasets.trajectory import truth_at
-from panoloc_mcl.tools.evaluation import SequenceRecord
+from panoloc_mcl.tools.evaluation import SequenceRecord, quantile95_over_drives
 from panoloc_mcl.tools.evaluation.tables import BLANK
 
 #: An image is right within so much, and an answer wrong beyond so much.
 RIGHT = 0.25, 3.0
 WRONG = 1.0, 20.0
-_RESAMPLES = 2000
 
 COLUMNS: dict[str, Kind] = {
     **dict.fromkeys(("dataset", "light", "corruption", "references", "observation", "drive"), "text"),
@@ -116,8 +115,8 @@ def report_of_images(title: str, entries: Sequence[Entry], rows: Sequence[Row]) 
     report = Report(
         f"{title} Every image by itself, position and heading unknown. An image without an answer counts as missed, with an infinite "
         f"error. Right: within {RIGHT[0]:g} m and {RIGHT[1]:g}°; wrong: an answer beyond {WRONG[0]:g} m or {WRONG[1]:g}°. Rates: 95 % "
-        "intervals over drives, which are the independent units; medians: 95 % intervals by bootstrap over images. Seconds are those "
-        "of the processor, one thread, the map's with the mending of its references' poses."
+        "intervals over drives, which are the independent units (medians: bootstrap, of five drives at least). Seconds are those of "
+        "the processor, one thread, the map's with the mending of its references' poses."
     )
     parts: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
@@ -155,6 +154,7 @@ def _add(table: Table, condition: str, method: str, part: Sequence[Row], cost: M
         table.add(condition, method, *[BLANK] * 2, part[0]["error"], *[BLANK] * 7)
         return
     metres, degrees = (np.array([row[name] for row in part]) for name in ("position_m", "heading_deg"))
+    bounds = quantile95_over_drives(1000.0 * metres, [row["drive"] for row in part])
     table.add(
         condition,
         method,
@@ -163,19 +163,12 @@ def _add(table: Table, condition: str, method: str, part: Sequence[Row], cost: M
         Rate.over((row["drive"], _right(row)) for row in part),
         int(np.sum(np.isfinite(metres) & ((metres > WRONG[0]) | (degrees > WRONG[1])))),
         Spread(1000.0 * metres, 1),
-        " to ".join(Number(bound, 1).text() for bound in median95(1000.0 * metres)),
+        BLANK if bounds is None else " to ".join(Number(bound, 1).text() for bound in bounds),
         Spread(degrees, 3),
         Number(float(np.median([row["seconds"] for row in part])), 3),
         Number(None if cost is None else cost.seconds, 1),
         Number(None if cost is None else cost.megabytes, 1),
     )
-
-
-def median95(values: FloatArray) -> tuple[float, float]:
-    """95 % interval of the median by bootstrap (percentiles); values may be infinite."""
-    drawn = np.random.default_rng(0).integers(0, len(values), (_RESAMPLES, len(values)))
-    medians = np.sort(np.quantile(values[drawn], 0.5, axis=1, method="inverted_cdf"))
-    return float(medians[int(0.025 * _RESAMPLES)]), float(medians[int(0.975 * _RESAMPLES)])
 
 
 def _right(row: Mapping[str, Any]) -> bool:

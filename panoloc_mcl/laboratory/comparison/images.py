@@ -1,23 +1,18 @@
-"""What single images say by themselves, method beside method, with intervals over images.
-
-For maps that few drives were recorded in: an interval over one drive says nothing, but whether one method finds more of the same images
-than another can be asked image by image.
-"""
+"""What single images say by themselves, method beside method: paired image by image, with intervals over drives."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import bootstrap
 
 from panoloc_mcl.laboratory.comparison.runs import Runs
 from panoloc_mcl.laboratory.comparison.summaries.tables import METHOD, Entry
 from panoloc_mcl.robot.geometry import FloatArray
-from panoloc_mcl.tools.evaluation import wilson95
+from panoloc_mcl.tools.evaluation import bootstrap95, interval95_over_drives, quantile95_over_drives
 from panoloc_mcl.tools.evaluation.tables import BLANK, interval, percent
 
 # An image is right within this; headings are not judged, since few recordings know them.
@@ -25,7 +20,7 @@ RIGHT_M = 1.0
 HEADS = (
     "data set",
     "method",
-    "images",
+    "images, drives",
     "within 1 m % (95 %)",
     "more than the baseline, points (95 %)",
     "position mm (95 %): median",
@@ -39,8 +34,9 @@ HEADS = (
 
 @dataclass(frozen=True, eq=False)
 class _Images:
-    """All images of one condition and method: errors of their best guesses, and of the filter's answers with its status."""
+    """All images of one condition and method: drives, errors of the best guesses, and of the filter's answers with its status."""
 
+    drives: tuple[str, ...]
     alone: FloatArray
     filtered: FloatArray
     status: tuple[str, ...]
@@ -48,6 +44,11 @@ class _Images:
     @property
     def right(self) -> NDArray[np.bool_]:
         return np.asarray(self.alone <= RIGHT_M)
+
+    def of_drives(self, values: NDArray[Any]) -> list[NDArray[Any]]:
+        """Values of images, drive by drive."""
+        drives = np.array(self.drives)
+        return [values[drives == drive] for drive in dict.fromkeys(self.drives)]
 
 
 def single_images(entries: Sequence[Entry], baseline: str | None) -> list[str]:
@@ -93,12 +94,13 @@ def _images(runs: Runs) -> _Images | None:
         off = answers.guesses[known, :2] - record.truth[known, :2]
         alone = np.where(np.isnan(off).any(axis=1), np.inf, np.hypot(*off.T))
         filtered = np.hypot(*(record.poses[known, :2] - record.truth[known, :2]).T)
-        parts.append(_Images(alone, filtered, tuple(np.array(record.status)[known].tolist())))
+        parts.append(_Images((record.name,) * len(alone), alone, filtered, tuple(np.array(record.status)[known].tolist())))
     return _pooled(parts) if parts else None
 
 
 def _pooled(parts: Sequence[_Images]) -> _Images:
     return _Images(
+        tuple(drive for part in parts for drive in part.drives),
         np.concatenate([part.alone for part in parts]),
         np.concatenate([part.filtered for part in parts]),
         tuple(status for part in parts for status in part.status),
@@ -107,17 +109,20 @@ def _pooled(parts: Sequence[_Images]) -> _Images:
 
 def _cells(images: _Images, baseline: _Images | None) -> list[str]:
     count, hits = len(images.alone), int(images.right.sum())
+    right = zip(*((int(part.sum()), len(part)) for part in images.of_drives(images.right)), strict=True)
     status = np.array(images.status)
     sure = images.filtered[status == "converged"]
     paired = BLANK
-    if baseline is not None and len(baseline.alone) == count:
+    if baseline is not None and baseline.drives == images.drives:
         won, lost = (int(np.sum(a & ~b)) for a, b in ((images.right, baseline.right), (baseline.right, images.right)))
-        low, high = paired_difference95(hits, won, lost, count)
-        paired = f"{100.0 * (won - lost) / count:+.1f} ({100.0 * low:+.1f} to {100.0 * high:+.1f}; won {won}, lost {lost})"
-    quantiles = [_quantile(images.alone, share) for share in (0.5, 0.95)]
+        of_drives = images.of_drives(images.right.astype(np.float64) - baseline.right)
+        bounds = bootstrap95([float(np.mean(part)) for part in of_drives])
+        told = f"{100.0 * bounds[0]:+.1f} to {100.0 * bounds[1]:+.1f}; " if len(of_drives) > 1 else ""
+        paired = f"{100.0 * (won - lost) / count:+.1f} ({told}won {won}, lost {lost})"
+    quantiles = [_quantile(images, share) for share in (0.5, 0.95)]
     return [
-        str(count),
-        f"{percent(hits / count)} ({interval(wilson95(hits, count))})",
+        f"{count}, {len(set(images.drives))}",
+        f"{percent(hits / count)} ({interval(interval95_over_drives(*right))})",
         paired,
         *quantiles,
         percent(float(np.mean(status == "converged"))),
@@ -127,45 +132,9 @@ def _cells(images: _Images, baseline: _Images | None) -> list[str]:
     ]
 
 
-def _quantile(metres: FloatArray, share: float) -> str:
-    """A quantile of errors in millimetres, with its interval by bootstrap over images; those that say nothing err without end."""
-    millimetres = 1000.0 * np.where(np.isfinite(metres), metres, 1e9)
-
-    def of(sample: FloatArray, axis: int) -> FloatArray:
-        return np.asarray(np.quantile(sample, share, axis=axis))
-
-    found = bootstrap((millimetres,), of, n_resamples=2000, method="percentile", rng=np.random.default_rng(0))
-    low, high = found.confidence_interval
-    return f"{float(np.quantile(millimetres, share)):.1f} ({float(low):.1f} to {float(high):.1f})"
-
-
-def paired_difference95(hits: int, won: int, lost: int, count: int) -> tuple[float, float]:
-    """95 % interval of the difference of two rates over the same trials (Newcombe 1998, Statistics in Medicine 17, method 10).
-
-    Parameters
-    ----------
-    hits : int
-        Successes of the first.
-    won, lost : int
-        Trials that only the first, and only the second succeeded in.
-    count : int
-        Trials, at least one.
-    """
-    both = hits - won
-    theirs = both + lost
-    neither = count - both - won - lost
-    a, b = hits / count, theirs / count
-    mine, other = wilson95(hits, count), wilson95(theirs, count)
-    assert mine is not None
-    assert other is not None
-    spread = math.sqrt(float(hits) * (count - hits) * theirs * (count - theirs))
-    product = both * neither - won * lost
-    # With the correction for continuity that makes it method 10.
-    alike = 0.0 if spread == 0.0 else (max(product - 0.5 * count, 0.0) if product > 0 else product) / spread
-    down = _side(a - mine[0], other[1] - b, alike)
-    up = _side(mine[1] - a, b - other[0], alike)
-    return a - b - down, a - b + up
-
-
-def _side(first: float, second: float, alike: float) -> float:
-    return math.sqrt(max(first * first - 2.0 * alike * first * second + second * second, 0.0))
+def _quantile(images: _Images, share: float) -> str:
+    """A quantile of errors in millimetres, with its interval over drives; those that say nothing err without end."""
+    millimetres = 1000.0 * images.alone
+    found = f"{float(np.quantile(millimetres, share, method='inverted_cdf')):.1f}"
+    bounds = quantile95_over_drives(millimetres, images.drives, share)
+    return found if bounds is None else f"{found} ({bounds[0]:.1f} to {bounds[1]:.1f})"

@@ -2,7 +2,7 @@
 
 from panoloc_mcl.tools.evaluation.consistency import consistency
 from panoloc_mcl.tools.evaluation.definitions import METRICS_SCHEMA
-from panoloc_mcl.tools.evaluation.intervals import bootstrap95, interval95_over_drives, wilson95
+from panoloc_mcl.tools.evaluation.intervals import bootstrap95, interval95_over_drives, quantile95_over_drives, wilson95
 from panoloc_mcl.tools.evaluation.metrics import evaluate
 from panoloc_mcl.tools.evaluation.record import SequenceRecord
 from panoloc_mcl.tools.evaluation.tables import Row, Section, Table, metrics_table, paper_table
@@ -19,5 +19,6 @@ __all__ = [
     "interval95_over_drives",
     "metrics_table",
     "paper_table",
+    "quantile95_over_drives",
     "wilson95",
 ]

@@ -100,3 +100,33 @@ def bootstrap95(values: ArrayLike, seed: int = 0) -> tuple[float, float]:
         return -np.inf, np.inf
     found = bootstrap((sample,), np.mean, n_resamples=10_000, method="percentile", rng=np.random.default_rng(seed))
     return float(found.confidence_interval.low), float(found.confidence_interval.high)
+
+
+def quantile95_over_drives(values: ArrayLike, drives: ArrayLike, share: float = 0.5) -> tuple[float, float] | None:
+    """95 % interval of a quantile of all images: by bootstrap over drives (percentiles), whose images are drawn together.
+
+    Parameters
+    ----------
+    values : array_like of float (n,)
+        One an image, may be infinite.
+    drives : array_like (n,)
+        The drive of each one.
+    share : float
+        Of the quantile.
+
+    Returns
+    -------
+    (low, high) : tuple of float, or None
+        None for fewer than 5 drives, which tell nothing of how drives differ.
+    """
+    of = np.asarray(values, dtype=np.float64)
+    names, drive = np.unique(np.asarray(drives), return_inverse=True)
+    if len(names) < _FEW_DRIVES:
+        return None
+    parts = [of[drive == index] for index in range(len(names))]
+    # SciPy's bootstrap draws single values, not groups of them.
+    drawn = np.random.default_rng(0).integers(0, len(parts), (_RESAMPLES, len(parts)))
+    found = np.sort(
+        [np.quantile(np.concatenate([parts[index] for index in row]), share, method="inverted_cdf") for row in drawn]
+    )
+    return float(found[int(0.025 * _RESAMPLES)]), float(found[int(0.975 * _RESAMPLES)])

@@ -5,7 +5,7 @@ import csv
 import numpy as np
 import pytest
 
-from panoloc_mcl.laboratory.comparison.alone import median95, report_of_images, rows_of_images
+from panoloc_mcl.laboratory.comparison.alone import report_of_images, rows_of_images
 from panoloc_mcl.laboratory.comparison.matrix import matrix_from_mapping
 from panoloc_mcl.laboratory.comparison.runs import Answers, Failure, MapCost, Runs, read_runs, write_runs
 from panoloc_mcl.laboratory.comparison.study import compare, plan_of_matrix
@@ -59,12 +59,6 @@ def test_a_method_that_fails_is_a_row_with_its_reason():
     text = report_of_images("Asked.", entries, rows_of_images(entries)).markdown()
     assert "needs pycolmap; install the extra" in text
     assert "| failed |" in text
-
-
-def test_the_interval_of_a_median_covers_it_and_may_be_endless():
-    low, high = median95(np.arange(1.0, 100.0))
-    assert 35.0 < low < 50.0 < high < 65.0
-    assert median95(np.array([1.0, np.inf, np.inf]))[1] == np.inf
 
 
 def test_what_a_map_costs_is_kept_with_the_cell(tmp_path):

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats  # noqa: F401  slow to import, which is no test's fault
 
-from panoloc_mcl.tools.evaluation.intervals import bootstrap95, interval95_over_drives, wilson95
+from panoloc_mcl.tools.evaluation.intervals import bootstrap95, interval95_over_drives, quantile95_over_drives, wilson95
 
 counts = st.integers(1, 5000).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n)))
 Z_95 = 1.959963984540054
@@ -84,3 +84,27 @@ def test_a_single_drive_tells_nothing_of_others():
     # Two standard errors of 200 normal values are 0.14.
     assert -0.3 < low < 0.0 < high < 0.3
     assert high - low == pytest.approx(4.0 / math.sqrt(200), rel=0.2)
+
+
+def test_the_interval_of_a_median_covers_it_and_may_be_endless():
+    low, high = known(quantile95_over_drives(np.arange(1.0, 100.0), np.arange(99)))
+    assert 35.0 < low < 50.0 < high < 65.0
+    assert known(quantile95_over_drives([1.0, np.inf, np.inf, np.inf, 2.0], range(5)))[1] == np.inf
+    assert quantile95_over_drives(np.arange(400.0), np.arange(400) // 100) is None
+
+
+def test_a_drive_counts_once_for_the_interval_of_a_median():
+    values = np.random.default_rng(2).normal(size=9)
+    once = quantile95_over_drives(values, np.arange(9))
+    assert quantile95_over_drives(np.repeat(values, 40), np.repeat(np.arange(9), 40)) == once
+
+
+def test_intervals_of_medians_over_drives_hold_the_truth_as_often_as_they_say():
+    rng = np.random.default_rng(0)
+    held = []
+    for _ in range(60):
+        # Drives err by their own, and images hardly differ from their drive.
+        values = np.repeat(rng.normal(size=12), 10) + rng.normal(0.0, 0.1, 120)
+        low, high = known(quantile95_over_drives(values, np.arange(120) // 10))
+        held.append(low <= 0.0 <= high)
+    assert np.mean(held) > 0.85

@@ -81,9 +81,8 @@ def render_summary(
             "## Single images",
             "",
             "Lights pooled, every image once. The best guess of each image, nothing known: right within 1 m whatever the heading; "
-            "Wilson's interval, Newcombe's for the difference to the baseline, bootstrap for the quantiles, all over images: those of "
-            "one drive err alike, so other drives may differ by more. Filter: its status, and its position where it is converged; "
-            "sure and wrong: converged and off by more than 1 m.",
+            "intervals over drives (quantiles: of five at least), as images of one drive err alike. Filter: its status, and its "
+            "position where it is converged; sure and wrong: converged and off by more than 1 m.",
             "",
             *alone,
             "",
