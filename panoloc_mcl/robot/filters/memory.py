@@ -8,6 +8,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
+import numpy as np
+from numpy.typing import NDArray
+
+from panoloc_mcl.robot.geometry import compose
+
 
 class Kept:
     """Base of dataclasses of plain values that go into the header of a saved state."""
@@ -63,7 +68,7 @@ class Memory(Kept):
     vouched : bool
         Whether a start pose, or an image that was sure enough of itself, stands behind the belief.
     expected : (x, y, heading, spread_m, spread_deg) or None
-        If the answer before was sure: where odometry led from its pose. Metres, radians, degrees.
+        If the answer before was sure: where odometry led from its pose, up to now. Metres, radians, degrees.
     match, match_slow, match_fast : float
         How much of the best cell's likelihood the prediction explained: of the last image, and running averages.
     fit : float
@@ -106,6 +111,11 @@ class Memory(Kept):
         self.known = self.known or self.sure
         self.expected, self.match, self.place_votes = None, math.nan, math.nan
         self.resampled, self.injected = False, 0
+
+    def lead_on(self, increment: NDArray[np.float64]) -> None:
+        """The expected pose after a motion (3,), as seen from its start: metres and radians."""
+        if self.expected is not None:
+            self.expected = (*compose(self.expected[:3], increment).tolist(), *self.expected[3:])
 
     def matched(self, match: float, slow: float, fast: float) -> None:
         """Take down how much of an image the prediction explained; the running averages follow by these shares."""

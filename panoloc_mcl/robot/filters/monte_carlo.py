@@ -120,6 +120,8 @@ class MonteCarloFilter:
         if not motion.stands:
             # Who has moved at all has not stood.
             self.memory.way += max(motion.distance, _LEAST_WAY_M)
+            # Moved like the particles: only an image can refute what the last answer was sure of, not the way since.
+            self.memory.lead_on(motion.increment)
             self._answer = None
             self._move(self._set.particles, motion)
 

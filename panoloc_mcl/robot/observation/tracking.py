@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from panoloc_mcl.robot.camera import Panorama
 from panoloc_mcl.robot.observation.field import VoteField
 
-# What refinement reaches from an expected pose.
-_NARROW_M, _NARROW_DEG = 0.1, 2.0
+# What refinement reaches from an expected pose: by all its coarse steps, and by those that reach no farther than the last ones need.
+_NARROW_M, _NARROW_DEG = 0.1, 4.0
+_NEAR_M, _NEAR_DEG = 0.1, 2.0
 # Votes at the expected pose fall short of the best ones by this many tolerances at most: those of the true pose nearly always do.
 _SHORT = 2.0
 # A measured pose is the expected one, but for this many of the belief's standard deviations and the reach of a step.
@@ -41,11 +42,18 @@ class Expected:
         """None where the belief is too wide to begin there."""
         return cls(pose, spread_m, math.radians(spread_deg)) if spread_m < _NARROW_M and spread_deg < _NARROW_DEG else None
 
+    @property
+    def near(self) -> bool:
+        """Whether it is so sure that a refinement need not reach far."""
+        return self.spread_m < _NEAR_M and self.spread_rad < math.radians(_NEAR_DEG)
+
     def fits(self, field: VoteField) -> bool:
         """Whether the votes of an image, all over the map, do not point elsewhere."""
         there = np.array([*field.places.positions[field.peak.place], field.peak.heading])
         near = np.hypot(*(there - self.pose)[:2]) <= 2.0 * field.places.spacing + _SPREADS * self.spread_m
-        return bool(near) and field.votes_at(self.pose) >= field.peak.votes - _SHORT * field.tolerance
+        turns = np.zeros(1) if self.near else self.spread_rad * np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
+        votes = max(field.votes_at(self.pose + np.array([0.0, 0.0, turn])) for turn in turns)
+        return bool(near) and votes >= field.peak.votes - _SHORT * field.tolerance
 
     def holds(self, pose: NDArray[np.float64]) -> bool:
         """Whether a measured pose (3,) is where it was expected."""

@@ -231,14 +231,16 @@ class VotesModel:
         if problem:
             asked = self._headings if headings is None else headings
             return silent_field(asked, self.places, problem, headings is None)
-        if expected is not None and self._refiner is not None:
-            followed = self._followed(self._refiner, z, mask, expected)
-            if followed is not None:
-                return followed
+        followed = None if expected is None or self._refiner is None else self._followed(self._refiner, z, mask, expected)
+        if followed is not None and self._proves(followed):
+            return followed
         votes = self._correlator.votes(z, mask, self.settings.vote_width)
         tolerance = self._tolerance_of(votes)
         if headings is None:
             field = VoteField(votes, self._headings, self.places, tolerance)
+            if followed is not None and expected is not None and expected.fits(field):
+                # All eigenimages point there, too: a search would measure the same pose once more.
+                return self._judged(field.with_measurement(followed.measurement))
             return self._judged(field if self._refiner is None else self._refined(self._refiner, field, z, mask))
         best = float(votes.max())
         return VoteField(
@@ -246,20 +248,19 @@ class VotesModel:
         )
 
     def _followed(self, refiner: PoseRefiner, z: Complex64, mask: NDArray[np.bool_], expected: Expected) -> VoteField | None:
-        """The votes at a glance, with the pose measured from the expected one; None without proof that it is right.
-
-        Proof is that a glance at the whole map does not point elsewhere, that the pose stays where it was expected, and that glance
-        and view agree as much as held-out references did where they were right.
-        """
+        """The votes at a glance, with the pose measured from the expected one; None where either points elsewhere."""
         votes = self._correlator.glance(z, self.settings.vote_width)
         field = VoteField(votes, _around_the_circle(len(votes)), self.places, self._tolerance_of(votes))
         if not expected.fits(field):
             return None
-        measured = refiner.follow(z, mask, expected.pose)
+        measured = refiner.follow(z, mask, expected.pose, expected.near)
         if not expected.holds(measured.pose):
             return None
-        found = self._judged(field.with_measurement(measured))
-        return found if found.informative and found.confidence >= _SURE else None
+        return self._judged(field.with_measurement(measured))
+
+    def _proves(self, followed: VoteField) -> bool:
+        """Whether a glance and the view at the pose agree as much as held-out references did where they were right."""
+        return followed.informative and followed.confidence >= _SURE
 
     def _refined(self, refiner: PoseRefiner, field: VoteField, z: Complex64, mask: NDArray[np.bool_]) -> VoteField:
         """The field with the pose of the best cell, refined.

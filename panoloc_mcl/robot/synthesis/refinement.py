@@ -81,7 +81,7 @@ _LAST, _LAST_OF_FOLLOWED = (1.0, 1.0), (2.0, 5.0)
 # Sources are weighted by 1 / (distance + this), and by how sure their own poses are.
 _NEAR_M = 0.05
 # References whose smoothed features are kept at hand.
-_KEPT_FEATURES = 96
+_KEPT_FEATURES = 48
 
 
 class PoseRefiner:
@@ -130,7 +130,7 @@ class PoseRefiner:
         planes = {fine[0].sigma: planes_of(z, usable, fine[0].sigma)}
         return self._refined_to_the_end(planes, fine, np.array(pose, dtype=np.float64), np.zeros(2))
 
-    def follow(self, z: Complex64, usable: Bool, pose: Float64) -> PoseMeasurement:
+    def follow(self, z: Complex64, usable: Bool, pose: Float64, near: bool = True) -> PoseMeasurement:
         """Refine a pose that is expected, right to a decimetre: the coarse steps that reach no farther, then the last ones.
 
         Parameters
@@ -138,9 +138,11 @@ class PoseRefiner:
         z, usable : complex64 and bool (rows, columns)
             Features of the image (see `orientations`).
         pose : float64 (3,)
+        near : bool
+            Right to two degrees; if not, all coarse steps are taken.
         """
         coarse, fine = _steps(self._settings.refinement, z.shape[1])
-        steps = coarse[len(coarse) // 2 :]
+        steps = coarse[len(coarse) // 2 :] if near else coarse
         planes = {sigma: planes_of(z, usable, sigma) for sigma in {step.sigma for step in (*steps, *fine)}}
         start, tilt, _, _ = self._descended(planes, steps, np.array(pose, dtype=np.float64), np.zeros(2))
         return self._refined_to_the_end(planes, fine, start, tilt, _LAST_OF_FOLLOWED)

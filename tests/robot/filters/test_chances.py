@@ -98,6 +98,19 @@ def test_who_was_sure_of_a_pose_says_lost_before_being_sure_of_another(seed: int
     assert belief.state().status is Status.CONVERGED
 
 
+def test_between_images_a_long_way_refutes_nothing_and_ends_nothing() -> None:
+    sure, refuted = settled(), settled()
+    sure.update(image_of(HERE))
+    refuted.update(image_of(THERE, doubt=0.3))
+    refuted.propagate(STEP)
+    refuted.update(image_of(THERE))
+    for belief, status in ((sure, Status.CONVERGED), (refuted, Status.LOST)):
+        assert belief.state().status is status
+        # Exact odometry: as sure of where it is as before.
+        belief.propagate(moved(0.8, 0.0, 1.5, sd_position=0.0, sd_heading=0.0))
+        assert belief.state().status is status
+
+
 def test_an_image_that_fits_nowhere_does_not_end_being_lost() -> None:
     belief = settled()
     belief.update(image_of(THERE, doubt=0.01))

@@ -29,6 +29,17 @@ def test_votes_that_point_elsewhere_refute_what_was_expected() -> None:
     assert not at(HERE + np.array([0.0, 0.0, 2.0])).fits(field)
 
 
+def test_a_belief_that_is_less_sure_of_its_heading_reaches_farther() -> None:
+    off = HERE + np.array([0.0, 0.0, np.radians(12.0)])
+    sure, less = Expected.of(off, 0.02, 0.5), Expected.of(off, 0.02, 3.5)
+    assert sure is not None
+    assert sure.near
+    assert not sure.fits(hills(PLACES, HERE))
+    assert less is not None
+    assert not less.near
+    assert less.fits(hills(PLACES, HERE))
+
+
 def test_a_pose_that_leaves_what_was_expected_is_no_proof() -> None:
     expected = at(HERE)
     assert expected.holds(HERE + np.array([0.06, -0.06, 0.02]))
