@@ -44,6 +44,10 @@ class ImageError(PanolocError):
     """An image that cannot be used: unreadable, of another size or type than the camera delivers."""
 
 
+class FrozenCameraError(ImageError):
+    """An image that came before, although the robot has moved since."""
+
+
 class MapError(PanolocError):
     """A map that cannot be built, read, or used with this camera or configuration."""
 

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from panoloc_mcl.robot.camera import Camera, Unwrapper
-from panoloc_mcl.robot.errors import ImageError
+from panoloc_mcl.robot.errors import FrozenCameraError, ImageError
 from panoloc_mcl.robot.filters import Estimate, Status
 from panoloc_mcl.robot.interface.answers import tells_more
+from panoloc_mcl.robot.interface.frozen_camera import FrozenCamera
 from panoloc_mcl.robot.interface.mounting_tilt import MountingTilt
 from panoloc_mcl.robot.interface.saved_state import SavedState
 from panoloc_mcl.robot.interface.starting import make_filter, start_of
@@ -95,6 +96,7 @@ class Localizer(SavedState, TakesMessages):
         self._clock = ImageClock(self.settings.motion, self._odometry)
         self._sightings = self._new_sightings(start)
         self._pace: Pace | None = None
+        self._frozen_camera = FrozenCamera()
         self._mounting_tilt = MountingTilt()
         self._reported: dict[str, int] = {}
         # The next image counts whatever the motion gate says.
@@ -175,7 +177,7 @@ class Localizer(SavedState, TakesMessages):
                 headings = self._filter.heading_hypotheses(offset)
             with timed(stage_ms, "observe"):
                 expected = None if headings is not None or offset is not None else self._expected()
-                votes, found = self._observe(image, headings, expected, motion.distance)
+                votes, found = self._observe(timestamp, image, headings, expected, motion.distance)
             with timed(stage_ms, "update"):
                 self._filter.update(votes, offset)
             self._learn_tilt(votes, motion)
@@ -250,22 +252,29 @@ class Localizer(SavedState, TakesMessages):
         return Expected.of(best.pose, best.spread_m, best.spread_deg) if belief.status is Status.CONVERGED else None
 
     def _observe(
-        self, image: NDArray[Any] | ImageError, headings: NDArray[np.float64] | None, expected: Expected | None, way_m: float
+        self,
+        timestamp: float,
+        image: NDArray[Any] | ImageError,
+        headings: NDArray[np.float64] | None,
+        expected: Expected | None,
+        way_m: float,
     ) -> tuple[VoteField, Finding]:
         """Vote field of an image, and what is wrong with it; one that cannot be used gives a field that is silent."""
         try:
             if isinstance(image, ImageError):
                 raise image
+            panorama = self._unwrap(image)
+            self._frozen_camera.check(image, self.driven(timestamp))
             if expected is not None and isinstance(self._observation, TrackingModel):
-                votes = self._observation.observe_near(self._unwrap(image), expected)
+                votes = self._observation.observe_near(panorama, expected)
             else:
-                votes = self._observation.observe(self._unwrap(image), headings)
+                votes = self._observation.observe(panorama, headings)
             # Only an image that was compared with the map has a confidence.
             reason = Reason.IMAGE_BLANK if math.isnan(votes.confidence) else Reason.FITS_NOWHERE
         except ImageError as error:
             asked = np.zeros(1) if headings is None else headings
             votes = silent_field(asked, self._observation.places, str(error), full_circle=headings is None)
-            reason = Reason.IMAGE_UNUSABLE
+            reason = Reason.IMAGE_FROZEN if isinstance(error, FrozenCameraError) else Reason.IMAGE_UNUSABLE
         if votes.informative:
             self._sightings.counted(way_m)
             return votes, Finding()

@@ -9,16 +9,18 @@ from typing import Self
 class Reason(StrEnum):
     """What befell a localizer since its last answer.
 
-    IMAGE_UNUSABLE: cannot be decoded, or is of another size or type than the camera delivers. IMAGE_BLANK: black, saturated, masked
-    or without texture. FITS_NOWHERE: shows nothing of the map. STAMP_INVALID, STAMP_UNIT, STAMP_TWICE, STAMP_LATE, STAMP_AHEAD: an
-    image was left out for its time stamp. CLOCK_JUMPED, CLOCK_SET_BACK, STREAM_LOOPED: time began anew. ODOMETRY_LEFT_OUT: some
-    odometry could not be used. NOTHING_COUNTED: no image has counted for too long. POSE_OUTDATED: odometry has left the pose of the
-    last image that counted. MAP_CANNOT_TELL: the map alone cannot tell this pose from others. FASTER_THAN_BELIEVED:
-    without odometry, images put the robot farther on than it can have driven.
+    IMAGE_UNUSABLE: cannot be decoded, or is of another size or type than the camera delivers. IMAGE_BLANK: black, saturated,
+    masked or without texture. IMAGE_FROZEN: the same as before although odometry has moved on. FITS_NOWHERE: shows nothing of the
+    map. STAMP_INVALID, STAMP_UNIT, STAMP_TWICE, STAMP_LATE, STAMP_AHEAD: an image was left out for its time stamp. CLOCK_JUMPED,
+    CLOCK_SET_BACK, STREAM_LOOPED: time began anew. ODOMETRY_LEFT_OUT: some odometry could not be used. NOTHING_COUNTED: no image
+    has counted for too long. POSE_OUTDATED: odometry has left the pose of the last image that counted. MAP_CANNOT_TELL: the map
+    alone cannot tell this pose from others. FASTER_THAN_BELIEVED: without odometry, images put the robot farther on than it can
+    have driven.
     """
 
     IMAGE_UNUSABLE = "image_unusable"
     IMAGE_BLANK = "image_blank"
+    IMAGE_FROZEN = "image_frozen"
     FITS_NOWHERE = "fits_nowhere"
     STAMP_INVALID = "stamp_invalid"
     STAMP_UNIT = "stamp_unit"
@@ -43,6 +45,7 @@ class Reason(StrEnum):
 _REMEDIES = {
     Reason.IMAGE_UNUSABLE: "check the camera and the files",
     Reason.IMAGE_BLANK: "check exposure and lens",
+    Reason.IMAGE_FROZEN: "restart the camera",
     Reason.FITS_NOWHERE: "drive back to where the map was taken, or extend the map",
     Reason.STAMP_INVALID: "stamp images with seconds",
     Reason.STAMP_UNIT: "give seconds",

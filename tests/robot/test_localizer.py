@@ -511,3 +511,14 @@ def test_somebody_carried_away_while_tracked_is_seen_at_once(panorama_map: Panor
         if step == 1:
             assert estimate.status is not Status.CONVERGED or np.hypot(*(estimate.pose - drive.truth[far])[:2]) < 0.1
     assert np.hypot(*(estimate.pose - drive.truth[far])[:2]) < 0.1
+
+
+def test_a_frozen_camera_is_told_and_not_believed(localizer: Localizer, drive: Drive) -> None:
+    for time, pose in drive.odometry:
+        localizer.add_odometry(time, pose)
+    told = [localizer.add_image(time, drive.images[0]) for time in drive.times]
+    assert told[-1] is not None
+    assert Reason.IMAGE_FROZEN in told[-1].reasons
+    assert "the camera is frozen" in told[-1].message
+    assert localizer.images_skipped > len(told) - 4
+    assert told[-1].status is Status.STALE

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 import time
-import zlib
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -17,14 +16,11 @@ from numpy.typing import NDArray
 from panoloc_mcl.robot.errors import ImageError
 from panoloc_mcl.robot.filters import Estimate
 from panoloc_mcl.robot.floors import AnyLocalizer
-from panoloc_mcl.robot.geometry import between
 from panoloc_mcl.robot.interface.answers import TimedPose
 from panoloc_mcl.robot.interface.messages import Image, Message, Odometry
 
 # Latencies that the median is over.
 _REMEMBERED = 200
-# A camera whose images are all the same while odometry goes on is frozen.
-_FROZEN_M, _FROZEN_RAD = 0.05, 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +129,6 @@ class Engine:
         self._last: Answer | None = None
         self._latencies: deque[tuple[float, float]] = deque(maxlen=_REMEMBERED)
         self._answered = self._dropped = 0
-        self._seen: tuple[int, Any] | None = None
         self._worker = threading.Thread(target=self._work, name="panoloc-images", daemon=True)
 
     def __enter__(self) -> Self:
@@ -219,7 +214,7 @@ class Engine:
 
     def _answer(self, image: Image, arrived: float) -> None:
         begun = time.perf_counter()
-        pixels = self._unfrozen(image, image.pixels())
+        pixels = image.pixels()
         estimate = self.localizer.add_image(image.timestamp, pixels)
         done = time.perf_counter()
         if estimate is None:
@@ -229,22 +224,6 @@ class Engine:
         self._latencies.append((self._last.latency_ms, self._last.step_ms))
         for output in self.outputs:
             self._guarded(lambda output=output: output.answered(self._last))  # type: ignore[misc]
-
-    def _unfrozen(self, image: Image, pixels: NDArray[Any] | ImageError) -> NDArray[Any] | ImageError:
-        """The same pixels as before, to the last bit, although odometry says that the robot has moved: not an image of now."""
-        if isinstance(pixels, ImageError):
-            return pixels
-        digest = zlib.crc32(np.ascontiguousarray(pixels).data)
-        driven = self.localizer.driven(image.timestamp)
-        if self._seen is None or self._seen[0] != digest:
-            self._seen = (digest, driven)
-            return pixels
-        if driven is None or self._seen[1] is None:
-            return pixels
-        way = between(self._seen[1], driven)
-        if np.hypot(way[0], way[1]) < _FROZEN_M and abs(way[2]) < _FROZEN_RAD:
-            return pixels
-        return ImageError("the image is the same as before although the robot has moved; the camera is frozen: restart it")
 
     def _guarded(self, work: Callable[[], None]) -> None:
         """A robot drives on whatever an output does."""
