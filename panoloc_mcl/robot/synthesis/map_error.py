@@ -31,8 +31,9 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 _Relit = Callable[[NDArray[np.uint8], np.random.Generator], NDArray[np.uint8]]
 
-# Sources of trials are among so many neighbours: the nearest, and this often some of them at random.
-_AROUND, _AT_RANDOM = 8, 1
+# Sources of trials are among so many neighbours: the nearest, and this often some of them at random. Of only eight, all are about as
+# far off, and errors of their poses pass for such as grow with the way to them.
+_AROUND, _AT_RANDOM = 12, 1
 # References held out, for each one that a calibration holds out: trials of several sources are what teaches.
 _HELD_OUT = 2
 # Where a trial begins: as far off as the cells of a vote field are.
@@ -52,8 +53,9 @@ _FACTORS = (0.5, 25.0)
 # How far errors of several sources average out depends on how large they are, which is told by how far they average out.
 _ROUNDS, _SHARPNESS = 3, 2.0
 # Depths of the sources were swept with the held-out reference, too, and hide some of what its pose is off. Swept anew without it, its
-# error grew by a factor of exp(0.11) in the median (rendered hall, references off by 5 cm, 11 of them): so much of a variance.
-_HIDDEN_BY_DEPTHS = 1.25
+# position was off by exp(0.11) times as much in the median, its heading by 1.3 times (rendered hall, 11 and 14 of its references off by
+# 5 and 2 cm, 2 and 1 degrees): so much of the variances of position and heading.
+_HIDDEN_BY_DEPTHS = np.array([1.25, 1.7])
 
 
 class Trial(NamedTuple):
