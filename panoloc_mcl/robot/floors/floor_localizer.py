@@ -5,20 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from panoloc_mcl.robot.camera import Camera, Unwrapper
-from panoloc_mcl.robot.errors import ConfigError, ImageError, StateError
-from panoloc_mcl.robot.files import read_arrays, write_arrays
+from panoloc_mcl.robot.errors import ConfigError, ImageError
 from panoloc_mcl.robot.filters import Estimate, Status
 from panoloc_mcl.robot.filters.shared_error import new_share
 from panoloc_mcl.robot.floors.belief import FloorBelief, how_well_each_fits
+from panoloc_mcl.robot.floors.saved_floors import SavedFloors
 from panoloc_mcl.robot.floors.transitions import Transition
-from panoloc_mcl.robot.interface.answers import TimedPose
+from panoloc_mcl.robot.interface.answers import Location, TimedPose
 from panoloc_mcl.robot.interface.taking import TakesMessages
 from panoloc_mcl.robot.localizer import Localizer
 from panoloc_mcl.robot.locks import Lock, locked
@@ -38,10 +37,9 @@ _LOOKS_ALIKE = 0.02
 _UNSEEN_S, _RIDDEN = 5.0, 0.5
 # Maps of this probability or more are named while it cannot be told.
 _NAMED = 0.05
-_FORMAT = "panoloc-floors/1"
 
 
-class FloorLocalizer(TakesMessages):
+class FloorLocalizer(SavedFloors, TakesMessages):
     """Tells a robot on which of several maps it is, and where on it.
 
     Every map has a localizer of its own. While the map is not known, all of them see every image; the status is ``ambiguous``, and the
@@ -212,6 +210,56 @@ class FloorLocalizer(TakesMessages):
         """As `Localizer.driven`."""
         return self.localizer.driven(timestamp)
 
+    @property
+    def has_fix(self) -> bool:
+        """As `Localizer.has_fix`, on the most probable map, once that is the one."""
+        return self.localizer.has_fix and bool(self._belief.probabilities.max() >= _SURE)
+
+    def force_update(self) -> None:
+        """As `Localizer.force_update`."""
+        for localizer in self._localizers.values():
+            localizer.force_update()
+
+    @locked
+    def locate(self, image: NDArray[Any]) -> Location:
+        """Where one image was taken, by itself (see `Localizer.locate`): on the map that it fits best.
+
+        The confidence is that of the pose on this map times the map's share of what the image fits on all of them.
+
+        Raises
+        ------
+        ImageError
+            Another size or type than the camera delivers.
+        """
+        found = [localizer.locate(image) for localizer in self._localizers.values()]
+        fits = how_well_each_fits([location.vote_field for location in found])
+        best = int(np.argmax(fits))
+        share = float(fits[best] / fits.sum())
+        return replace(found[best], map=self._names[best], confidence=share * found[best].confidence)
+
+    @locked
+    def load_map(self, name: str, panorama_map: PanoramaMap, keep_pose: bool = False) -> None:
+        """Go on with another map in the place of one of these (see `Localizer.load_map`).
+
+        What is known of where the robot is stays, unless it is on this map and its pose there is not kept: then it may be on any.
+
+        Raises
+        ------
+        ConfigError
+            No such map.
+        MapError, CameraError
+            The map does not fit the camera or the settings. All maps are then as before.
+        """
+        self._known(name, "load_map").load_map(panorama_map, keep_pose)
+        self._estimates.pop(name, None)
+        if name == self.map_name and not keep_pose:
+            self._belief, self._seen = FloorBelief(self._names), None
+
+    def _known(self, name: str, asked_by: str) -> Localizer:
+        if name not in self._localizers:
+            raise ConfigError(f"{asked_by}: {name}: no such map; known: {', '.join(self._names)}")
+        return self._localizers[name]
+
     @locked
     def set_pose(self, name: str, pose: ArrayLike, covariance: ArrayLike | None = None, timestamp: float | None = None) -> None:
         """Believe a map and a pose on it, that somebody gives.
@@ -223,9 +271,7 @@ class FloorLocalizer(TakesMessages):
         MeasurementError
             As `Localizer.set_pose`.
         """
-        if name not in self._localizers:
-            raise ConfigError(f"set_pose: {name}: no such map; known: {', '.join(self._names)}")
-        self._localizers[name].set_pose(pose, covariance, timestamp)
+        self._known(name, "set_pose").set_pose(pose, covariance, timestamp)
         self._belief = FloorBelief(self._names, np.where(np.array(self._names) == name, 1.0, 0.0))
         self._seen = None
 
@@ -236,44 +282,6 @@ class FloorLocalizer(TakesMessages):
             localizer.relocalize()
         self._belief, self._seen = FloorBelief(self._names), None
         self._estimates = {}
-
-    @locked
-    def save_state(self, path: str | Path) -> None:
-        """Save the belief over the maps in this file, and the state of each map's localizer in one beside it.
-
-        When an image counted last and how far the robot has come since are not kept: the next image is taken for new.
-
-        Raises
-        ------
-        OutputError
-            A file cannot be written.
-        """
-        for number, localizer in enumerate(self._localizers.values()):
-            localizer.save_state(_beside(Path(path), number))
-        header = {"format": _FORMAT, "maps": list(self._names)}
-        write_arrays(Path(path), header, {"probabilities": self._belief.probabilities})
-
-    @locked
-    def resume(self, path: str | Path) -> None:
-        """Go on from a saved state (see `Localizer.resume`).
-
-        Raises
-        ------
-        StateError
-            Missing or damaged, or saved with other maps or settings. Localizers of maps before the damaged one have then gone on.
-        """
-        try:
-            header, arrays = read_arrays(Path(path))
-        except (OSError, ValueError) as error:
-            raise StateError(f"{path}: not a saved state ({error}); start anew and save it again") from error
-        if header.get("format") != _FORMAT or header.get("maps") != list(self._names):
-            raise StateError(f"{path}: saved with maps {header.get('maps')}, these are {list(self._names)}; start anew")
-        probabilities = np.asarray(arrays.get("probabilities"), dtype=np.float64)
-        if probabilities.shape != (len(self._names),) or not np.isfinite(probabilities).all() or (probabilities < 0.0).any():
-            raise StateError(f"{path}: the saved state is damaged (probabilities); start anew and save it again")
-        for number, localizer in enumerate(self._localizers.values()):
-            localizer.resume(_beside(Path(path), number))
-        self._belief = FloorBelief(self._names, probabilities / max(float(probabilities.sum()), 1e-300))
 
     @property
     def particles(self) -> tuple[Float64, Float64]:
@@ -304,7 +312,3 @@ class FloorLocalizer(TakesMessages):
 def _counts(answer: Estimate | None) -> bool:
     """Whether an image says anything of a map."""
     return answer is not None and answer.vote_field is not None and answer.vote_field.informative
-
-
-def _beside(path: Path, number: int) -> Path:
-    return path.with_name(f"{path.stem}.{number}{path.suffix}")

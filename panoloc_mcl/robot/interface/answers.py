@@ -59,6 +59,8 @@ class Location:
         Of the map that it was looked up in.
     vote_field : VoteField
         What the image says of every heading and place.
+    map : str
+        Name of that map.
     """
 
     pose: Float64
@@ -67,9 +69,10 @@ class Location:
     problem: str
     map_revision: str
     vote_field: VoteField
+    map: str = ""
 
 
-def located(votes: VoteField, map_revision: str, mount: Mount) -> Location:
+def located(votes: VoteField, map_revision: str, mount: Mount, name: str = "") -> Location:
     """The base's pose that a vote field gives: the refined one if there is one, or else its best cell."""
     if votes.informative and votes.measurement is not None:
         pose, covariance = votes.measurement.pose, votes.measurement.covariance
@@ -80,7 +83,7 @@ def located(votes: VoteField, map_revision: str, mount: Mount) -> Location:
         step = 2.0 * np.pi / max(len(votes.headings), 1)
         covariance = np.diag(np.array([places.spacing, places.spacing, step]) ** 2 / 12.0)
     of_base = Cluster(pose, covariance, 1.0).of_point(-mount.offset)
-    return Location(of_base.pose, of_base.covariance, votes.confidence, votes.problem, map_revision, votes)
+    return Location(of_base.pose, of_base.covariance, votes.confidence, votes.problem, map_revision, votes, name)
 
 
 def tells_more(guess: Guess, best: Cluster, first: bool) -> bool:

@@ -88,7 +88,7 @@ class Steering(Parts):
         """
         with one_blas_thread():
             votes = self._observation.observe(self._unwrap(image), None)
-        return located(votes, self.map_revision, self._mount)
+        return located(votes, self.map_revision, self._mount, self._map.name)
 
     @locked
     def set_pose(self, pose: ArrayLike, covariance: ArrayLike | None = None, timestamp: float | None = None) -> None:

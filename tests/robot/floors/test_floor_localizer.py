@@ -16,7 +16,7 @@ from panoloc_mcl.robot.interface.keeper import StateKeeper
 from panoloc_mcl.robot.localizer import Localizer
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.reasons import Reason
-from panoloc_mcl.tools.datasets import Dataset, read_dataset
+from panoloc_mcl.tools.datasets import Dataset, read_dataset, read_image
 from panoloc_mcl.tools.streams import answers, recorded
 
 pytestmark = pytest.mark.slow
@@ -78,6 +78,35 @@ def test_twins_cannot_be_told_and_both_are_named(floors, maps) -> None:
     assert twins.probabilities == {"here": 0.5, "there": 0.5}
 
 
+def test_one_image_tells_the_map_and_the_pose(floors, maps) -> None:
+    localizer = FloorLocalizer(maps)
+    drive = floors["first"].sequences["noon_00"]
+    assert drive.groundtruth is not None
+    location = localizer.locate(read_image(drive.files[4]))
+    assert location.map == "first"
+    assert np.hypot(*(location.pose - drive.groundtruth.poses[4])[:2]) < 0.3
+    alike = FloorLocalizer({"here": maps["first"], "there": maps["first"]}).locate(read_image(drive.files[4]))
+    assert alike.confidence == pytest.approx(0.5 * Localizer(maps["first"]).locate(read_image(drive.files[4])).confidence)
+    assert not localizer.has_fix
+    assert localizer.probabilities["first"] == 0.5
+
+
+def test_a_map_is_replaced_while_it_runs(floors, maps) -> None:
+    localizer = FloorLocalizer(maps)
+    list(driven(localizer, floors["first"]))
+    assert localizer.has_fix
+    localizer.force_update()
+    localizer.load_map("ground", maps["ground"])
+    assert (localizer.map_name, localizer.has_fix) == ("first", True)
+    localizer.load_map("first", maps["first"], keep_pose=True)
+    assert (localizer.map_name, localizer.has_fix) == ("first", True)
+    localizer.load_map("first", maps["first"])
+    assert not localizer.has_fix
+    assert localizer.probabilities["first"] == 0.5
+    with pytest.raises(ConfigError, match="load_map: roof: no such map; known: ground, first"):
+        localizer.load_map("roof", maps["ground"])
+
+
 def test_one_map_is_a_localizer(floors, maps) -> None:
     drive = floors["ground"].sequences["noon_00"]
     alone, plain = FloorLocalizer({"ground": maps["ground"]}), Localizer(maps["ground"])
@@ -99,6 +128,18 @@ def test_a_saved_state_goes_on(floors, maps, tmp_path: Path) -> None:
         assert again.map_name == "first"
     with pytest.raises(StateError, match="saved with maps"):
         FloorLocalizer({"other": maps["ground"]}).resume(tmp_path / "state.npz")
+    # Saved again, the new files hold, and those before are gone; a robot that is stopped in between has the old ones.
+    kept = sorted(file.name for file in tmp_path.iterdir())
+    again.save_state(tmp_path / "state.npz")
+    assert sorted(file.name for file in tmp_path.iterdir()) != kept
+    assert len(kept) == len(list(tmp_path.iterdir())) == 3
+    FloorLocalizer(maps).resume(tmp_path / "state.npz")
+    whole = (tmp_path / "state.npz").read_bytes()
+    next(tmp_path.glob("state.1.*")).write_bytes(b"PK nothing")
+    with pytest.raises(StateError, match="not a saved state"):
+        again.resume(tmp_path / "state.npz")
+    assert set(again.probabilities.values()) == {0.5}
+    assert (tmp_path / "state.npz").read_bytes() == whole
     (tmp_path / "state.npz").write_bytes(b"PK nothing")
     with pytest.raises(StateError, match="not a saved state"):
         again.resume(tmp_path / "state.npz")
