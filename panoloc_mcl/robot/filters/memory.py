@@ -11,8 +11,6 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.robot.geometry import compose
-
 
 class Kept:
     """Base of dataclasses of plain values that go into the header of a saved state."""
@@ -115,7 +113,10 @@ class Memory(Kept):
     def lead_on(self, increment: NDArray[np.float64]) -> None:
         """The expected pose after a motion (3,), as seen from its start: metres and radians."""
         if self.expected is not None:
-            self.expected = (*compose(self.expected[:3], increment).tolist(), *self.expected[3:])
+            x, y, heading, *spreads = self.expected
+            ahead, left, turn = increment.tolist()
+            cos, sin = math.cos(heading), math.sin(heading)
+            self.expected = (x + cos * ahead - sin * left, y + sin * ahead + cos * left, heading + turn, *spreads)
 
     def matched(self, match: float, slow: float, fast: float) -> None:
         """Take down how much of an image the prediction explained; the running averages follow by these shares."""

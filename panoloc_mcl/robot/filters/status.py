@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 
 from panoloc_mcl.robot.filters.estimate import Cluster, Status
-from panoloc_mcl.robot.geometry import angle_difference
 from panoloc_mcl.robot.observation.field import VoteField
 from panoloc_mcl.robot.settings.localizer import StatusSettings
 
@@ -74,6 +73,6 @@ def vouches_for(best: Cluster, votes: VoteField, late: bool, limits: StatusSetti
 def _is_refuted(best: Cluster, expected: Sequence[float], limits: StatusSettings) -> bool:
     """Whether the belief has left the pose that the last answer, or an image, was sure of: a robot that acted on it must be told."""
     x, y, heading, spread_m, spread_deg = expected
-    off = math.degrees(abs(float(angle_difference(best.pose[2], heading))))
+    off = math.degrees(abs(math.remainder(best.pose[2] - heading, 2.0 * math.pi)))
     way = math.hypot(best.pose[0] - x, best.pose[1] - y)
     return way > limits.converged_spread_m + 3.0 * spread_m or off > limits.converged_spread_deg + 3.0 * spread_deg

@@ -36,8 +36,16 @@ def systematic(weights: Real, offset: float, count: int) -> Int64:
     -------
     int64 (count,)
     """
-    total, last = 0.0, weights.shape[0] - 1
-    for i in range(weights.shape[0]):
+    last = weights.shape[0] - 1
+    # Sums that do not wait for each other.
+    t0, t1, t2, t3 = 0.0, 0.0, 0.0, 0.0
+    for i in range(0, weights.shape[0] - 3, 4):
+        t0 += np.float64(weights[i])
+        t1 += np.float64(weights[i + 1])
+        t2 += np.float64(weights[i + 2])
+        t3 += np.float64(weights[i + 3])
+    total = (t0 + t1) + (t2 + t3)
+    for i in range(weights.shape[0] // 4 * 4, weights.shape[0]):
         total += np.float64(weights[i])
     while last > 0 and weights[last] == 0.0:
         last -= 1

@@ -17,6 +17,8 @@ _NEIGHBOURS = 4
 _CELLS_PER_SPACING = 20
 _MAX_CELLS = 4_000_000
 _CELLS_AT_ONCE = 100_000
+# So many places are looked at one by one.
+_FEW = 4096
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,9 +79,12 @@ class Places:
 
     def nearest_reference(self, position: Float64) -> int:
         """Index of the reference nearest to a position (2,)."""
-        if self.references is None:
+        known = self.positions if self.references is None else self.references
+        # A search tree pays for many.
+        if self.references is None and len(known) > _FEW:
             return int(self.nearest(position[None])[0])
-        return int(np.argmin(np.hypot(*(self.references - position).T)))
+        off = known - position
+        return int(np.argmin(np.einsum("ij,ij->i", off, off)))
 
     def nearest(self, positions: Float64) -> NDArray[np.int64]:
         """Index of the place nearest to each position (n, 2)."""
