@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from panoloc_mcl.robot.camera import AnyCamera
 from panoloc_mcl.robot.progress import Progress, no_progress
@@ -27,6 +28,8 @@ _OBSERVABLE = 0.25
 # Of how far off an unknown may be, a step at the most.
 _LARGEST_STEP = 0.3
 _LEAST_AGREEMENT = 0.7
+# Degrees of freedom of Student's t, usual where nothing is known of the outliers, and rounds in which its weights are found.
+_FREEDOM, _REWEIGHTED = 4.0, 8
 
 
 class Scene(Protocol):
@@ -136,8 +139,8 @@ def adjust(
     more : int
         Further steps at the most, as smooth as the last, until the search has settled.
     """
-    values = np.array([parameter.start if begin is None else begin[parameter.name] for parameter in parameters])
-    start = values.copy()
+    start = np.array([parameter.start for parameter in parameters])
+    values = start if begin is None else np.array([begin[parameter.name] for parameter in parameters])
     largest = np.array([parameter.largest for parameter in parameters])
     free = np.ones(len(parameters), dtype=np.bool_)
     before, step = np.nan, np.zeros(len(parameters))
@@ -148,9 +151,12 @@ def adjust(
             break
         equations = _equations(camera, parameters, values, scene, sigma)
         before = _agreement(equations) if round_ == 0 else before
+        last = step
         step, covariance = _solved(equations, values - start, largest, free)
-        # What image and views do not share has derivatives, too, which make steps too short.
-        step = step / max(_agreement(equations), _LEAST_AGREEMENT) ** 2
+        if np.sum(step * last / np.diag(covariance)) >= 0.0:
+            # What image and views do not share has derivatives, too, which make steps too short. Not any more after one has gone too
+            # far: the search would go to and fro for ever.
+            step = step / max(_agreement(equations), _LEAST_AGREEMENT) ** 2
         step = np.clip(step, -_LARGEST_STEP * largest, _LARGEST_STEP * largest)
         scene.moved(step)
         values = values + step
@@ -184,20 +190,33 @@ def _solved(equations: list[Equations], off: Float64, largest: Float64, free: ND
     """The step, held back towards the start as far as errors of that size are unlikely, and the covariance of the sum.
 
     Neighbouring pixels err together, so the covariance rests on how much the images differ among each other (sandwich estimator).
+    Images whose world is no floor and walls count less, the more they contradict the rest: by Student's t, as in Lange, Little &
+    Taylor, "Robust statistical modeling using the t distribution", JASA 1989.
     """
-    normal = np.sum([one.normal for one in equations], axis=0)
-    right = np.sum([one.right for one in equations], axis=0)
-    scatter = np.sum([np.outer(one.right, one.right) for one in equations], axis=0) - np.outer(right, right) / len(equations)
-    scale = max(float(np.trace(scatter)) / max(float(np.trace(normal)), 1e-12), 1e-12)
-    prior = np.diag(scale / largest**2)
-    chosen = np.flatnonzero(free)
+    count, chosen = len(equations), np.flatnonzero(free)
     step, covariance = np.zeros(len(off)), np.diag(largest**2)
-    if len(chosen):
-        pick = np.ix_(chosen, chosen)
-        inverse = np.linalg.inv(normal[pick] + prior[pick])
-        step[chosen] = inverse @ (right - prior @ off)[chosen]
-        spread = inverse @ (scatter[pick] * len(equations) / max(len(equations) - 1, 1) + prior[pick] * scale) @ inverse
-        covariance[pick] = spread
+    if not len(chosen):
+        return step, covariance
+    pick = np.ix_(chosen, chosen)
+    normals = np.stack([one.normal[pick] for one in equations])
+    rights = np.stack([one.right[chosen] for one in equations])
+    scale = max(float(np.square(rights - rights.mean(axis=0)).sum()) / max(float(np.trace(normals.sum(axis=0))), 1e-12), 1e-12)
+    prior = np.diag(scale / largest[chosen] ** 2)
+    usual = float(chi2.median(len(chosen)))
+    weights = np.ones(count)
+    for _ in range(_REWEIGHTED):
+        inverse = np.linalg.inv(np.einsum("k,kij->ij", weights, normals) + prior)
+        found = inverse @ (weights @ rights - prior @ off[chosen])
+        rest = rights - normals @ found
+        # By how much each image alone would agree better elsewhere.
+        gains = np.einsum("ki,ki->k", rest, np.linalg.solve(normals + prior, rest[:, :, None])[:, :, 0])
+        gains *= usual / max(float(np.median(gains)), 1e-12)
+        weights = (_FREEDOM + len(chosen)) / (_FREEDOM + gains)
+    step[chosen] = found
+    scattered = weights[:, None] * rest
+    scattered = scattered - scattered.mean(axis=0)
+    spread = inverse @ (scattered.T @ scattered * count / max(count - 1, 1) + prior * scale) @ inverse
+    covariance[pick] = spread
     return step, covariance
 
 

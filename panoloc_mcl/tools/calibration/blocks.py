@@ -7,6 +7,7 @@ complement), so that only those of the camera remain, as in bundle adjustment.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,10 @@ Bool = NDArray[np.bool_]
 
 # Columns count where they agree, over a window around them, by this share of the upper quartile of all at the least.
 _WINDOW_DEG, _SHARE = 21.0, 0.6
-# Of the usual information about a wall's distance: columns that show less keep theirs.
+# Walls bend at points so far apart only. Features are smoothed: a wall of every column's own shows in none of them, and would
+# grow more ragged with every step.
+_WALL_DEG = 9.0
+# Of the usual information about a wall's distance: points that see less keep theirs.
 _DAMPING = 0.2
 _LARGEST_LOG_STEP = 0.25
 
@@ -126,23 +130,32 @@ def without_walls(start: Residual, jacobian: Complex64, wall: Complex64, used: B
     slope : float64 (n, columns)
         What a step of the common unknowns takes off that.
     """
-    aa = _columns(wall, wall)
-    ab = np.stack([_columns(wall, one) for one in jacobian])
-    ar = _columns(wall, start.difference)
-    damped = np.maximum(aa, 1e-9) + _DAMPING * np.median(aa)
-    n, columns = len(jacobian), len(aa)
-    bb = np.empty((n, n, columns))
-    for i in range(n):
+    n, columns = len(jacobian), wall.shape[-1]
+    everything = np.concatenate([wall[None], jacobian])
+    products = np.empty((n + 1, n + 1, columns))
+    for i in range(n + 1):
         for j in range(i + 1):
-            bb[i, j] = bb[j, i] = _columns(jacobian[i], jacobian[j])
-    br = np.stack([_columns(one, start.difference) for one in jacobian])
-    normal = ((bb - ab[:, None] * ab[None] / damped) * used).sum(axis=2)
-    right = -((br - ab * ar / damped) * used).sum(axis=1)
+            products[i, j] = products[j, i] = _columns(everything[i], everything[j]) * used
+    rest = np.stack([_columns(one, start.difference) for one in everything]) * used
+    bends = _bends(columns)
+    aa, ab, ar = bends.T @ (products[0, 0][:, None] * bends), products[1:, 0] @ bends, rest[0] @ bends
+    held = np.diag(aa).copy()
+    aa += (_DAMPING * np.median(held[held > 0.0]) if held.any() else 1.0) * np.eye(len(aa))
+    slope = np.linalg.solve(aa, ab.T).T
+    normal, right = products[1:, 1:].sum(axis=2) - slope @ ab.T, slope @ ar - rest[1:].sum(axis=1)
     return (
         Equations(normal, right, float(start.common[used].sum()), float(start.energy[used].sum())),
-        np.clip(-ar / damped, -_LARGEST_LOG_STEP, _LARGEST_LOG_STEP),
-        ab / damped,
+        bends @ np.clip(-np.linalg.solve(aa, ar), -_LARGEST_LOG_STEP, _LARGEST_LOG_STEP),
+        slope @ bends.T,
     )
+
+
+@cache
+def _bends(columns: int) -> Float64:
+    """What the walls of all columns, float64 (columns, points), take of points around the circle: lines between them."""
+    points = max(4, round(360.0 / _WALL_DEG))
+    apart = np.arange(columns)[:, None] * (points / columns) - np.arange(points)
+    return np.asarray(np.maximum(1.0 - np.abs(apart - points * np.round(apart / points)), 0.0))
 
 
 def without_pose(start: Residual, jacobian: Complex64, pose: Complex64, used: Bool) -> tuple[Equations, Float64, Float64]:
