@@ -81,6 +81,8 @@ class Adjustment:
     images : int
     covariance : float64 (n, n)
         Of all parameters by the scatter of the images alone; rows of those that cannot be told are zero.
+    inverse : float64 (n, n)
+        Of the normal matrix, with the same rows of zeros: how much of one parameter's change another makes up for.
     """
 
     camera: AnyCamera
@@ -89,6 +91,7 @@ class Adjustment:
     after: float
     images: int
     covariance: Float64
+    inverse: Float64
 
     def told(self, deviations: float) -> tuple[Estimated, ...]:
         """Parameters that differ from the description by more than so many standard deviations, given that the others do not.
@@ -98,7 +101,7 @@ class Adjustment:
         kept = [index for index, one in enumerate(self.estimates) if one.observable]
         start = np.array([one.parameter.start for one in self.estimates])
         values = np.array([one.value for one in self.estimates])
-        covariance = self.covariance.copy()
+        covariance, inverse = self.covariance, self.inverse
         # What the search itself errs by adds to what is claimed, and has no part in which unknowns look alike.
         search = np.array([one.sd**2 if one.observable else 0.0 for one in self.estimates]) - np.diag(covariance)
         while kept:
@@ -107,9 +110,13 @@ class Adjustment:
             if abs(values[kept[least]] - start[kept[least]]) > deviations * sds[least]:
                 break
             gone = kept.pop(least)
-            gain = covariance[:, gone] / max(covariance[gone, gone], 1e-18)
+            # Not by the covariance: the scatter of a few images says how sure values are, but not how they hang together.
+            gain = inverse[:, gone] / max(inverse[gone, gone], 1e-18)
             values = values - gain * (values[gone] - start[gone])
-            covariance = covariance - np.outer(gain, covariance[gone])
+            inverse = inverse - np.outer(gain, inverse[gone])
+            held = np.eye(len(values))
+            held[:, gone] -= gain
+            covariance = held @ covariance @ held.T
         sds = np.sqrt(np.maximum(np.diag(covariance) + search, 0.0))
         return tuple(Estimated(self.estimates[index].parameter, float(values[index]), float(sds[index])) for index in kept)
 
@@ -145,14 +152,14 @@ def adjust(
     free = np.ones(len(parameters), dtype=np.bool_)
     before, step = np.nan, np.zeros(len(parameters))
     equations: list[Equations] = []
-    covariance = np.zeros((len(parameters), len(parameters)))
+    covariance = inverse = np.zeros((len(parameters), len(parameters)))
     for round_, sigma in enumerate((*schedule, *(schedule[-1],) * more)):
         if round_ >= len(schedule) and np.all(np.abs(step) <= _SETTLED * np.sqrt(np.diag(covariance))):
             break
         equations = _equations(camera, parameters, values, scene, sigma)
         before = _agreement(equations) if round_ == 0 else before
         last = step
-        step, covariance = _solved(equations, values - start, largest, free)
+        step, covariance, inverse = _solved(equations, values - start, largest, free)
         if np.sum(step * last / np.diag(covariance)) >= 0.0:
             # What image and views do not share has derivatives, too, which make steps too short. Not any more after one has gone too
             # far: the search would go to and fro for ever.
@@ -167,11 +174,11 @@ def adjust(
         progress(min(round_ + 1, len(schedule)), len(schedule), "camera")
     # The last step is as much as the search has not settled.
     accuracy = np.array([parameter.accuracy for parameter in parameters])
-    covariance = np.where(np.outer(free, free), covariance, 0.0)
+    covariance, inverse = (np.where(np.outer(free, free), one, 0.0) for one in (covariance, inverse))
     sd = np.where(free, np.sqrt(np.diag(covariance) + step**2 + accuracy**2), np.inf)
     estimates = tuple(Estimated(one, float(value), float(s)) for one, value, s in zip(parameters, values, sd, strict=True))
     found = changed(camera, parameters, {one.name: float(value) for one, value in zip(parameters, values, strict=True)})
-    return Adjustment(found, estimates, before, _agreement(equations), len(equations), covariance)
+    return Adjustment(found, estimates, before, _agreement(equations), len(equations), covariance, inverse)
 
 
 def _equations(camera: AnyCamera, parameters: list[Parameter], values: Float64, scene: Scene, sigma: float) -> list[Equations]:
@@ -186,17 +193,19 @@ def _equations(camera: AnyCamera, parameters: list[Parameter], values: Float64, 
     return scene.equations(with_values(values), varied, steps, sigma)
 
 
-def _solved(equations: list[Equations], off: Float64, largest: Float64, free: NDArray[np.bool_]) -> tuple[Float64, Float64]:
-    """The step, held back towards the start as far as errors of that size are unlikely, and the covariance of the sum.
+def _solved(
+    equations: list[Equations], off: Float64, largest: Float64, free: NDArray[np.bool_]
+) -> tuple[Float64, Float64, Float64]:
+    """The step, held back towards the start as far as errors of that size are unlikely, covariance and inverse of the sum.
 
     Neighbouring pixels err together, so the covariance rests on how much the images differ among each other (sandwich estimator).
     Images whose world is no floor and walls count less, the more they contradict the rest: by Student's t, as in Lange, Little &
     Taylor, "Robust statistical modeling using the t distribution", JASA 1989.
     """
     count, chosen = len(equations), np.flatnonzero(free)
-    step, covariance = np.zeros(len(off)), np.diag(largest**2)
+    step, covariance, whole = np.zeros(len(off)), np.diag(largest**2), np.diag(largest**2)
     if not len(chosen):
-        return step, covariance
+        return step, covariance, whole
     pick = np.ix_(chosen, chosen)
     normals = np.stack([one.normal[pick] for one in equations])
     rights = np.stack([one.right[chosen] for one in equations])
@@ -216,8 +225,8 @@ def _solved(equations: list[Equations], off: Float64, largest: Float64, free: ND
     scattered = weights[:, None] * rest
     scattered = scattered - scattered.mean(axis=0)
     spread = inverse @ (scattered.T @ scattered * count / max(count - 1, 1) + prior * scale) @ inverse
-    covariance[pick] = spread
-    return step, covariance
+    covariance[pick], whole[pick] = spread, inverse
+    return step, covariance, whole
 
 
 def _agreement(equations: list[Equations]) -> float:

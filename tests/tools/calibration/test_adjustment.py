@@ -13,7 +13,7 @@ from panoloc_mcl.tools.calibration.parameters import Parameter, parameters_by_re
 CAMERA = PanoramaCamera(elevation_deg=(-50.0, 25.0), height_m=0.6)
 
 
-def outcome(values, covariance, start=(0.0, 0.0)) -> Adjustment:
+def outcome(values, covariance, start=(0.0, 0.0), inverse=None) -> Adjustment:
     """Of a search that found these values."""
     parameters = [
         Parameter(name, "px", at, 1.0, 10.0, 0.0, lambda camera, _: camera) for name, at in zip("ab", start, strict=True)
@@ -22,7 +22,8 @@ def outcome(values, covariance, start=(0.0, 0.0)) -> Adjustment:
         Estimated(one, value, float(np.sqrt(variance)) if variance else np.inf)
         for one, value, variance in zip(parameters, values, np.diag(covariance), strict=True)
     )
-    return Adjustment(CAMERA, estimates, 0.5, 0.9, 20, np.asarray(covariance, dtype=np.float64))
+    covariance = np.asarray(covariance, dtype=np.float64)
+    return Adjustment(CAMERA, estimates, 0.5, 0.9, 20, covariance, covariance if inverse is None else inverse)
 
 
 def test_what_looks_like_another_unknown_is_told_once_that_is_as_described() -> None:
@@ -42,9 +43,16 @@ def test_what_the_search_errs_by_does_not_hide_that_two_unknowns_look_alike() ->
     covariance = np.array([[1.0, 0.95], [0.95, 1.0]])
     one = outcome([8.0, 1.5], covariance)
     wider = tuple(Estimated(each.parameter, each.value, 2.0) for each in one.estimates)
-    (told,) = Adjustment(CAMERA, wider, 0.5, 0.9, 20, covariance).told(2.0)
+    (told,) = Adjustment(CAMERA, wider, 0.5, 0.9, 20, covariance, covariance).told(2.0)
     assert told.value == pytest.approx(8.0 - 0.95 * 1.5)
     assert told.sd == pytest.approx(np.sqrt(1.0 - 0.95**2 + 3.0))
+
+
+def test_what_only_scatters_together_is_not_told_anew() -> None:
+    """As a mount's place and the elevations, of 14 images: 2 sd of one are not worth half a sd of the other for each."""
+    one = outcome([8.0, 1.5], np.array([[1.0, 0.5], [0.5, 1.0]]), inverse=np.eye(2))
+    (told,) = one.told(2.0)
+    assert (told.value, told.sd) == (8.0, 1.0)
 
 
 def test_values_within_chance_and_those_that_nobody_can_tell_stay_as_described() -> None:
