@@ -53,6 +53,23 @@ def test_every_file_exists(path):
     assert (ROOT / path).is_file()
 
 
+def _of_architecture(pattern):
+    return sorted(set(re.findall(pattern, (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8"))))
+
+
+@pytest.mark.parametrize("path", _of_architecture(r"`([\w/]+\.(?:py|js|toml))`"))
+def test_every_file_that_the_architecture_names_exists(path):
+    assert [file for file in ROOT.rglob(Path(path).name) if file.as_posix().endswith("/" + path)]
+
+
+@pytest.mark.parametrize("name", _of_architecture(r"`([A-Z]\w+\.\w+)`"))
+def test_every_method_that_the_architecture_names_exists(name):
+    owner, method = name.split(".")
+    sources = [file.read_text(encoding="utf-8") for file in (ROOT / "panoloc_mcl").rglob("*.py")]
+    assert any(f"class {owner}" in source for source in sources)
+    assert any(re.search(rf"^    (?:def {method}\(|{method}: )", source, flags=re.MULTILINE) for source in sources)
+
+
 @pytest.mark.parametrize("link", sorted(set(re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", README))))
 def test_every_link_of_the_readme_leads_somewhere(link):
     assert (ROOT / link).exists()

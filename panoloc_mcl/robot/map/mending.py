@@ -327,8 +327,8 @@ def _notes(keyframes: Keyframes) -> Iterator[str]:
     others = np.setdiff1d(np.arange(len(keyframes)), anew)
     if np.any(moved[others] > 0.0) or np.any(turned[others] > 0.0):
         yield (
-            f"poses of {len(others)} references mended: moved by {100 * np.median(moved[others]):.1f} cm and turned by "
-            f"{np.median(turned[others]):.2f} degrees in the median, by {100 * moved[others].max():.1f} cm and "
+            f"poses of {len(others)} references corrected by the images: {100 * np.median(moved[others]):.1f} cm and "
+            f"{np.median(turned[others]):.2f} degrees in the median, {100 * moved[others].max():.1f} cm and "
             f"{turned[others].max():.2f} degrees at the most"
         )
     for index in anew[:_NAMED]:

@@ -158,12 +158,12 @@ def parse_yaml(text: str, source: str, *, locate: bool = True) -> Any:
         return yaml.load(text, Loader=_UniqueKeyLoader)
     except (ValueError, OverflowError, RecursionError) as error:
         # Such as a 13th month, or a number of five thousand digits.
-        raise ConfigError(f"{source}: not valid YAML: {error}; mend it") from error
+        raise ConfigError(f"{source}: not valid YAML: {error}; correct the file there") from error
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f"{source}:{mark.line + 1}:{mark.column + 1}" if locate and mark is not None else source
         problem = getattr(error, "problem", None) or str(error)
-        raise ConfigError(f"{where}: not valid YAML: {problem}; mend it") from error
+        raise ConfigError(f"{where}: not valid YAML: {problem}; check brackets, colons and indentation") from error
 
 
 def read_yaml(path: Path) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from panoloc_mcl.robot.references import References
 from panoloc_mcl.robot.settings.validation import StrictModel, read_yaml, validate
 from panoloc_mcl.tools.config.recording import RecordingSettings
 from panoloc_mcl.tools.datasets.dataset import Dataset, Sequence
+from panoloc_mcl.tools.datasets.embedded import EMBEDDED
 from panoloc_mcl.tools.datasets.pairs import paired
 from panoloc_mcl.tools.datasets.recordings import (
     dataset_of_recordings,
@@ -81,6 +82,7 @@ def read_dataset(path: str | Path, recording: RecordingSettings | None = None, c
     Parameters
     ----------
     path : str or Path
+        Of a folder or a file; or the name of a data set that comes with the package.
     recording : RecordingSettings, optional
         What recordings do not say themselves.
     camera : AnyCamera, optional
@@ -91,7 +93,7 @@ def read_dataset(path: str | Path, recording: RecordingSettings | None = None, c
     DatasetError
         Every fault found, one line each.
     """
-    path = Path(path)
+    path = Path(path) if Path(path).exists() else EMBEDDED.get(str(path), Path(path))
     if is_recording(path) or recordings_in(path):
         return dataset_of_recordings(path, recording, camera)
     scan = scan_dataset(path, recording)

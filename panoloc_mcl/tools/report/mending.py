@@ -90,9 +90,8 @@ def graph_lines(keyframes: Keyframes) -> list[tuple[str, str]]:
     if len(edges):
         share = 100.0 * float(np.mean(edges.weights >= _BORNE_OUT))
         lines.append(("relative poses", f"{counted}; {share:.0f} % borne out by the others"))
-    lines.append(
-        ("standard deviations", f"{100 * np.median(sds[:, 0]):.2f} cm, {np.degrees(np.median(sds[:, 1])):.3f} degrees (median)")
-    )
+    spread = f"{100 * np.median(sds[:, 0]):.2f} cm, {np.degrees(np.median(sds[:, 1])):.3f} degrees (median)"
+    lines.append(("standard deviations", spread if sds.any() else "none: most poses stay as they were given"))
     if is_mended(keyframes) and not drives:
         moved, turned = keyframes.moved_m, np.degrees(np.abs(keyframes.turned))
         lines.append(

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 # Spaces between two columns.
 _GAP = 2
+# Titles longer than this are cut, so that figures are not.
+_LONGEST_TITLE = 34
 # A width that no table needs.
 _UNBOUNDED = 10_000
 
@@ -50,13 +52,14 @@ def _print_table(table: Table, console: rich.console.Console) -> None:
     spell = _spelling(console.encoding)
     rows = [row for section in table.sections for row in section.rows]
     labels = [spell(f"  {row.label}" + (f" [{row.unit}]" if row.unit else "")) for row in rows]
-    label_width = max(len(text) for text in [*labels, *(section.title for section in table.sections)])
+    titles = max(len(section.title) for section in table.sections)
+    label_width = max(*map(len, labels), min(titles, _LONGEST_TITLE))
     widths = [max(len(cell) for cell in [name, *(row.cells[i] for row in rows)]) for i, name in enumerate(table.columns)]
     for block in _blocks(widths, console.width - label_width):
         # Not the table's own title, which is broken where the table ends.
         console.print(Text(spell(table.title), style="italic"))
         shown = RichTable(box=None, padding=(0, _GAP, 0, 0), pad_edge=False)
-        shown.add_column("", no_wrap=True, min_width=label_width)
+        shown.add_column("", no_wrap=True, min_width=label_width, max_width=label_width)
         for i in block:
             shown.add_column(Text(spell(table.columns[i])), justify="right", no_wrap=True)
         label = iter(labels)

@@ -160,7 +160,7 @@ def test_options_of_another_form(faults, text):
 def test_faulty_options_are_named_together(faults):
     assert faults("", "runs", "seed=[1", "name=a") == [
         "--set runs: needs the form KEY=VALUE; for instance seed=1 or localizer.mode=monte_carlo",
-        "--set seed=[1: not valid YAML: expected ',' or ']', but got '<stream end>'; mend it",
+        "--set seed=[1: not valid YAML: expected ',' or ']', but got '<stream end>'; check brackets, colons and indentation",
     ]
 
 

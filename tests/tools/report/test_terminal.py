@@ -28,6 +28,8 @@ def test_fits_the_terminal_and_shows_every_column(metrics, width):
     for word in ("noon", "afternoon", "evening", "night", "overall", "position, median [m]", "paper"):
         assert word in text
     assert "…" not in text
+    for group in metrics["groups"].values():
+        assert f"{group['position_median_m']:.4f}" in text
 
 
 def test_is_plain_text_when_not_a_terminal(metrics):
