@@ -16,6 +16,7 @@ from panoloc_mcl.robot.observation import VoteField, VotesModel
 from panoloc_mcl.robot.observation.tracking import Expected
 from panoloc_mcl.robot.reasons import Reason
 from panoloc_mcl.robot.settings.localizer import InitialPose, LocalizerSettings
+from panoloc_mcl.robot.synthesis.refinement import PoseRefiner
 from panoloc_mcl.tools.config.model import RunConfig
 from panoloc_mcl.tools.datasets import Dataset, read_image
 
@@ -496,6 +497,36 @@ def test_tracking_gives_the_poses_that_searching_gives(
         assert other is not None
         assert one.status is other.status is Status.CONVERGED
         assert np.hypot(*(one.pose - other.pose)[:2]) < 0.02
+
+
+def test_what_a_glance_does_not_prove_all_votes_confirm_without_a_second_look(
+    panorama_map: PanoramaMap, drive: Drive, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = panorama_map.observation_model()
+    panorama = panorama_map.unwrapper(None, None)(drive.images[3])
+    assert isinstance(model, VotesModel)
+    searched = model.observe(panorama)
+    monkeypatch.setattr("panoloc_mcl.robot.observation.votes._SURE", 2.0)
+    monkeypatch.setattr(PoseRefiner, "refine_best", _must_not_be_called)
+    expected = Expected.of(drive.truth[3], 0.02, 0.2)
+    assert expected is not None
+    confirmed = model.observe_near(panorama, expected)
+    np.testing.assert_array_equal(confirmed.votes, searched.votes)
+    assert confirmed.measurement is not None
+    assert searched.measurement is not None
+    assert np.hypot(*(confirmed.measurement.pose - searched.measurement.pose)[:2]) < 0.02
+    monkeypatch.undo()
+    # Votes that point elsewhere make it a search.
+    far = max(drive.truth, key=lambda pose: np.hypot(*(pose - drive.truth[3])[:2]))
+    astray = Expected.of(far, 0.02, 0.2)
+    assert astray is not None
+    found = model.observe_near(panorama, astray)
+    assert found.measurement is not None
+    np.testing.assert_array_equal(found.measurement.pose, searched.measurement.pose)
+
+
+def _must_not_be_called(*_: Any, **__: Any) -> None:
+    raise AssertionError("a pose was measured a second time")
 
 
 def test_somebody_carried_away_while_tracked_is_seen_at_once(panorama_map: PanoramaMap, drive: Drive) -> None:
