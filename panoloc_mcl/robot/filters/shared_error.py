@@ -33,8 +33,9 @@ _FRESH = 0.02
 _EXPECTED = 16.3
 # An image that leaves so much of the predicted covariance, in every direction, tells nothing new.
 _NEWS = 0.9
-# The same view once more only trims what the belief has far out: its bulk holds the image already, and no normal distribution says so.
-_TRIMMING = 4.0
+# The same view once more only trims what the belief has far out, with so many times its covariance at the least: the belief's bulk
+# holds the image already, and no normal distribution says so. And with so little of its information where the belief is no wider.
+_TRIMMING, _LEAST_TRIMMING = 4.0, 1e-3
 # Weights of the belief against the image that are tried; the rest is the image's.
 _WEIGHTS = np.linspace(0.02, 0.98, 25)[:, None, None]
 # A cluster of equal particles has no volume.
@@ -102,13 +103,19 @@ class SharedError:
         information = np.linalg.inv(beliefs) + np.linalg.inv(images)
         best = int(np.argmax(np.linalg.slogdet(information)[1]))
         after, told, said = (np.linalg.inv(part[best]) for part in (information, beliefs, images))
-        if float(np.linalg.eigvals(np.linalg.solve(before, after)).real.min()) > _NEWS:
+        stands = bool(np.all(kept >= 1.0))
+        wider, directions = _against(before, covariance)
+        if float(np.linalg.eigvals(np.linalg.solve(before, after)).real.min()) > _NEWS or (
+            stands and wider.max() * _NEWS <= 1.0
+        ):
             return Seen(covariance, np.zeros((3, 3)), SharedError(cluster.pose, _positive(theirs)), new=False)
         gain, rest = after @ said, after @ told
         independent = rest @ (before - theirs) @ rest.T + gain @ ours_own @ gain.T
         shared = SharedError(cluster.pose + gain @ off, _positive(after - independent))
-        if np.all(kept >= 1.0):
-            return Seen(_TRIMMING * covariance, np.zeros((3, 3)), shared, new=True)
+        if stands:
+            # In each direction, a belief that is a little wider than the image becomes as wide, and never surer than one look.
+            told = np.clip(1.0 - 1.0 / wider, _LEAST_TRIMMING, 1.0 / _TRIMMING)
+            return Seen((directions / told) @ directions.T, np.zeros((3, 3)), shared, new=True)
         return Seen(images[best], _positive(beliefs[best] - before), shared, new=True)
 
     def _carried(self, cluster: Cluster, before: Float64) -> Float64:
@@ -118,9 +125,7 @@ class SharedError:
         swing = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
         shared = swing @ self.covariance @ swing.T
         # Per direction: of what the belief has there, as much as is shared.
-        root = np.linalg.cholesky(before)
-        values, vectors = np.linalg.eigh(_symmetric(np.linalg.solve(root, np.linalg.solve(root, shared).T)))
-        directions = root @ vectors
+        values, directions = _against(shared, before)
         return np.asarray((directions * np.clip(values, 1e-9, 1.0 - 1e-9)) @ directions.T)
 
     def arrays(self) -> Float64:
@@ -168,6 +173,13 @@ def kept_share(measurement: PoseMeasurement, way: float, spacing: float) -> Floa
 def new_share(way: float, spacing: float) -> float:
     """What votes say that is new, after a way in metres: information of a sample that is so correlated with the one before."""
     return math.tanh(0.5 * way / (float(_WAY_OF_VIEW[0]) * spacing))
+
+
+def _against(covariance: Float64, other: Float64) -> tuple[Float64, Float64]:
+    """Directions (columns, float64 (3, 3)) in which both vary independently, ``other`` by 1, and how much the first one does (3,)."""
+    root = np.linalg.cholesky(other)
+    values, vectors = np.linalg.eigh(_symmetric(np.linalg.solve(root, np.linalg.solve(root, covariance).T)))
+    return values, root @ vectors
 
 
 def _symmetric(matrix: Float64) -> Float64:

@@ -44,6 +44,22 @@ def test_standing_still_teaches_next_to_nothing() -> None:
         shared = seen.shared
 
 
+def test_standing_still_no_belief_becomes_surer_than_one_look() -> None:
+    # Wider than the image by ever less, in position and in heading; and surer than it in one direction.
+    for wider in ([100.0, 100.0, 100.0], [1.5, 1.5, 1.5], [1.2, 1.2, 1.0], [0.5, 1.3, 20.0], [0.9, 1.05, 1.0]):
+        predicted = COVARIANCE * np.array(wider)
+        shared, cluster = SharedError(np.zeros(3), 0.9 * COVARIANCE), Cluster(np.zeros(3), predicted, 1.0)
+        for _ in range(30):
+            _, after, seen = fused(shared, cluster, np.zeros(3), COVARIANCE, 1.0)
+            if not seen.new:
+                break
+            shared, cluster = seen.shared, Cluster(np.zeros(3), after, 1.0)
+        assert not seen.new
+        reached = np.diag(cluster.covariance) / np.diag(COVARIANCE)
+        assert np.all(reached > np.minimum(wider, 1.0) - 0.05)
+        assert np.all(reached < 1.3)
+
+
 def test_creeping_on_errors_are_forgotten_as_on_one_long_way() -> None:
     shared, cluster = SharedError(np.zeros(3), COVARIANCE), Cluster(np.zeros(3), COVARIANCE, 1.0)
     for _ in range(100):
