@@ -95,7 +95,7 @@ def test_a_search_that_goes_too_far_does_not_go_to_and_fro() -> None:
 
 
 def test_images_that_contradict_the_rest_count_little() -> None:
-    """As of references beside a goal in `hall`: five of 42 wanted up to half a degree more, and the rest agreed to a tenth."""
+    """As references in the goals of `hall`: five of 42 were off by a quarter to half a degree, and the rest agreed to a tenth."""
     rng = np.random.default_rng(1)
     errors = 0.07 * rng.normal(size=42)
     errors[:5] = (0.4, 0.5, 0.6, 0.5, 0.7)
