@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.robot.kernels.weights import likelihoods
+from panoloc_mcl.robot.kernels.filtering.weights import likelihoods
 from panoloc_mcl.robot.observation.field import VoteField
 
 Float64 = NDArray[np.float64]

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.robot.compact_poses import CompactPoses
 from panoloc_mcl.robot.geometry import angle_difference, wrap_angle
-from panoloc_mcl.robot.kernels.particles import likelihoods_there, read_field
-from panoloc_mcl.robot.kernels.weights import likelihoods
+from panoloc_mcl.robot.kernels.filtering.particles import likelihoods_there, read_field
+from panoloc_mcl.robot.kernels.filtering.weights import likelihoods
 from panoloc_mcl.robot.measurement import PoseMeasurement
 from panoloc_mcl.robot.observation.places import Places
 

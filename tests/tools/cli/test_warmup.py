@@ -37,10 +37,10 @@ print(json.dumps([name for name in EXAMPLES if len(find(name).signatures) != kno
 
 def kernels():
     """Every function of the package ``kernels`` that is compiled."""
-    for module in pkgutil.iter_modules(panoloc_mcl.robot.kernels.__path__, "panoloc_mcl.robot.kernels."):
+    for module in pkgutil.walk_packages(panoloc_mcl.robot.kernels.__path__, "panoloc_mcl.robot.kernels."):
         for name, thing in vars(importlib.import_module(module.name)).items():
             if hasattr(thing, "py_func") and thing.py_func.__module__ == module.name:
-                yield f"{module.name.rpartition('.')[2]}.{name}"
+                yield f"{module.name.removeprefix('panoloc_mcl.robot.kernels.')}.{name}"
 
 
 @interpreted

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.robot.compact_poses import CompactPoses
 from panoloc_mcl.robot.filters.estimate import Cluster
-from panoloc_mcl.robot.kernels.hypotheses import hypotheses, occupied_cells
+from panoloc_mcl.robot.kernels.filtering.hypotheses import hypotheses, occupied_cells
 
 Float32 = NDArray[np.float32]
 

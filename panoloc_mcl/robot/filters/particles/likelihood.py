@@ -14,7 +14,7 @@ from panoloc_mcl.robot.compact_poses import CompactPoses
 from panoloc_mcl.robot.filters.particles.blocks import BLOCK
 from panoloc_mcl.robot.filters.particles.particle_set import ParticleSet
 from panoloc_mcl.robot.filters.particles.prior import Prior, gaussian
-from panoloc_mcl.robot.kernels.weights import weigh
+from panoloc_mcl.robot.kernels.filtering.weights import weigh
 from panoloc_mcl.robot.measurement import PoseMeasurement
 from panoloc_mcl.robot.motion import Motion, carried
 from panoloc_mcl.robot.observation.field import VoteField

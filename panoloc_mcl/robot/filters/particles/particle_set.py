@@ -13,7 +13,7 @@ from panoloc_mcl.robot.filters.base import Start
 from panoloc_mcl.robot.filters.particles.blocks import BLOCK, Blocks
 from panoloc_mcl.robot.filters.particles.clusters import occupied_bins
 from panoloc_mcl.robot.filters.particles.resampling import SCHEMES, adaptive_count, effective_count, normalise
-from panoloc_mcl.robot.kernels.particles import predict, take
+from panoloc_mcl.robot.kernels.filtering.particles import predict, take
 from panoloc_mcl.robot.motion import Motion
 from panoloc_mcl.robot.observation.places import Places
 from panoloc_mcl.robot.settings.localizer import AdaptiveSettings, MonteCarloSettings

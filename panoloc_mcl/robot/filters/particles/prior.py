@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from panoloc_mcl.robot.compact_poses import CompactPoses
 from panoloc_mcl.robot.filters.estimate import Cluster
 from panoloc_mcl.robot.filters.particles.clusters import find_clusters
-from panoloc_mcl.robot.kernels.weights import normal_density
+from panoloc_mcl.robot.kernels.filtering.weights import normal_density
 from panoloc_mcl.robot.observation.places import Places
 
 Float32 = NDArray[np.float32]

@@ -9,8 +9,8 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.robot.kernels import resampling as kernels
-from panoloc_mcl.robot.kernels.weights import scale
+from panoloc_mcl.robot.kernels.filtering import resampling as kernels
+from panoloc_mcl.robot.kernels.filtering.weights import scale
 from panoloc_mcl.robot.settings.localizer import AdaptiveSettings
 
 Float32 = NDArray[np.float32]

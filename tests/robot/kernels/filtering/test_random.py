@@ -3,7 +3,8 @@ import pytest
 from oracles import kernels as naive
 from scipy import stats
 
-from panoloc_mcl.robot.kernels import elementary, random
+from panoloc_mcl.robot.kernels import elementary
+from panoloc_mcl.robot.kernels.filtering import random
 
 # Random123 (Salmon et al. 2011), file tests/kat_vectors, lines "philox4x32 10": counter, key, answer.
 KNOWN_ANSWERS = [

@@ -3,7 +3,7 @@ import pytest
 from oracles import kernels as naive
 
 from panoloc_mcl.robot.compact_poses import CompactPoses
-from panoloc_mcl.robot.kernels import hypotheses
+from panoloc_mcl.robot.kernels.filtering import hypotheses
 
 
 @pytest.mark.parametrize("around", [1, 24, 36])

@@ -6,7 +6,7 @@ from oracles import kernels as naive
 
 from panoloc_mcl.robot.compact_poses import CompactPoses
 from panoloc_mcl.robot.geometry import angle_difference
-from panoloc_mcl.robot.kernels import particles, weights
+from panoloc_mcl.robot.kernels.filtering import particles, weights
 
 # The fixture only picks a function.
 either = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60, deadline=None)

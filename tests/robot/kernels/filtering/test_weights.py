@@ -4,7 +4,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
-from panoloc_mcl.robot.kernels import elementary, weights
+from panoloc_mcl.robot.kernels import elementary
+from panoloc_mcl.robot.kernels.filtering import weights
 
 either = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=200, deadline=None)
 

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.robot.kernels.elementary import sine_cosine
+from panoloc_mcl.robot.kernels.filtering.random import normal_pairs, words_of
+from panoloc_mcl.robot.kernels.filtering.weights import to_likelihoods
 from panoloc_mcl.robot.kernels.jit import inlined, vector_kernel
-from panoloc_mcl.robot.kernels.random import normal_pairs, words_of
-from panoloc_mcl.robot.kernels.weights import to_likelihoods
 
 Float64 = NDArray[np.float64]
 Float32 = NDArray[np.float32]

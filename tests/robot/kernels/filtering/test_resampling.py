@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from oracles import kernels as naive
 
-from panoloc_mcl.robot.kernels import resampling
+from panoloc_mcl.robot.kernels.filtering import resampling
 
 # The fixture only picks a function.
 either = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60, deadline=None)

@@ -1,0 +1,1 @@
+"""Inner loops over particles: moved, weighed, drawn anew, grouped; their random numbers."""
