@@ -70,7 +70,8 @@ _LEAST_WAY_M = 1e-6
 class MonteCarloFilter:
     """Particles over position and heading.
 
-    Every random number is a function of the key, the step and, where it concerns one particle, of its index: see `kernels.filtering.random`.
+    Every random number is a function of the key, the step and, where it concerns one particle, of its index (see
+    `kernels.filtering.random`).
 
     Parameters
     ----------

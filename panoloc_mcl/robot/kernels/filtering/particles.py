@@ -44,7 +44,7 @@ def predict(
     sds : float64 (4,)
         Standard deviations of the four.
     key, step : int
-        Of the random numbers, which each particle has for its index (see `kernels.random`).
+        Of the random numbers, which each particle has for its index (see `random.py`).
     first, last : int
     """
     words, noise = np.empty((4, _BLOCK), dtype=np.uint32), np.empty((4, _BLOCK), dtype=np.float32)
