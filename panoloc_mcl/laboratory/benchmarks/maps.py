@@ -141,7 +141,7 @@ def tiled(small: PanoramaMap, tiles: int) -> PanoramaMap:
     tile = np.argmin([np.abs(probe - offset - model.places.positions.mean(axis=0)).max(axis=1) for offset in offsets], axis=0)
     source = model.places.nearest(probe - offsets[tile])
     for name, array in small.arrays.items():
-        if name not in {*of_references, "spectra", "used"} and len(array) == len(model.places):
+        if name not in {*of_references, "spectra_real", "spectra_imaginary", "used"} and len(array) == len(model.places):
             arrays[name] = array[source]
     surveyed = Keyframes.surveyed(names, np.pad(positions, ((0, 0), (0, 1))))
     return replace(small, references=many, keyframes=surveyed, arrays=arrays)

@@ -144,7 +144,7 @@ def _spent(known: dict[tuple[str, int, str], Any], file: str, name: str, caller:
 def _operations(panorama_map: PanoramaMap, found: Profile) -> dict[str, float]:
     """Additions and multiplications an image, of the stages where they can be counted."""
     arrays = panorama_map.observation_model(config_from_mapping({}).observation).arrays()
-    (frequencies, components, rows), places = arrays["spectra"].shape, len(arrays["coefficients"])
+    (frequencies, rows, components), places = arrays["spectra_real"].shape, len(arrays["coefficients"])
     headings = panorama_map.geometry.width
     votes = 8.0 * frequencies * components * rows + 4.0 * headings * components * places
     # Every second row of views of full size, which are those whose images are warped.

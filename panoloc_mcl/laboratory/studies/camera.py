@@ -87,7 +87,7 @@ CAMERAS: tuple[tuple[str, dict[str, Any], tuple[int, int]], ...] = (
     ("two fisheyes", _PAIR, (768, 384)),
 )
 
-_FIGURES = ("mm, median / p95", "heading p95, °", "sure and wrong")
+_FIGURES = ("mm, median / p95", "heading, median / p95, °", "sure and wrong")
 _HEADS = ("case", "drives", "images", *(f"before: {head}" for head in _FIGURES), *(f"after: {head}" for head in _FIGURES))
 _BLANK = (None,) * len(_FIGURES)
 
@@ -214,7 +214,7 @@ def _judged(ask: _Ask, dataset: Dataset) -> tuple[Any, ...]:
         len(records),
         found["frames"],
         " / ".join(Number(None if one is None else 1000.0 * one, 1).text() for one in metres),
-        Number(found["heading_p95_deg"], 3),
+        " / ".join(Number(found[key], 3).text() for key in ("heading_median_deg", "heading_p95_deg")),
         f"{wrong['count']} of {wrong['runs']}",
     )
 
@@ -246,10 +246,13 @@ def _with_camera(path: Path, found: Findings) -> Path:
 
 
 def _simulated(ask: _Ask, name: str, camera: dict[str, Any], size: tuple[int, int]) -> Path:
-    """The hall as a camera sees it: references at noon, a drive at noon and one in the evening."""
+    """The hall as a camera sees it: references at noon, two drives in each light."""
     path = ask.folder / _file_name(name)
     if not (path / "dataset.yaml").is_file():
-        drives = [{"name": light, "light": light, "frames": 24, "every_s": 1.25} for light in ("noon", "evening")]
+        lights = ("noon", "afternoon", "evening")
+        drives = [
+            {"name": f"{light}_{n:02d}", "light": light, "frames": 40, "every_s": 1.25} for light in lights for n in range(2)
+        ]
         said = {
             "name": "hall",
             "scene": "hall",

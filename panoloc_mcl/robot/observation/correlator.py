@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
 from panoloc_mcl.robot.kernels.correlations import spectra_product, to_votes
+from panoloc_mcl.robot.observation.base import Arrays
 from panoloc_mcl.robot.observation.overlap import OverlapNorms, squared_magnitude
 
 Float32 = NDArray[np.float32]
@@ -55,19 +56,27 @@ class Correlator:
     def of(
         cls, spectra: Complex64, coefficients: Complex64, energy: Float32, usable: Float32, columns: int, bandwidth: float
     ) -> Self:
-        """From what a map file keeps (see `VotesModel`)."""
+        """Of conjugate row spectra as complex64 (frequencies, p, rows)."""
         real, imaginary = (np.ascontiguousarray(part.transpose(0, 2, 1)) for part in (spectra.real, spectra.imag))
         return cls(real, imaginary, coefficients, OverlapNorms(energy, usable), columns, bandwidth)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """What a map file keeps: as the kernel takes it, so that map and model share their memory."""
+        spectra = {"spectra_real": self.real, "spectra_imaginary": self.imaginary}
+        return {**spectra, "coefficients": self.coefficients, "energy": self.norms.energy, "usable": self.norms.usable}
+
+    @classmethod
+    def of_arrays(cls, arrays: Arrays, columns: int, bandwidth: float) -> Self:
+        """From what `arrays` gave, or those of an earlier version, where spectra are complex numbers."""
+        coefficients, energy, usable = (arrays[name] for name in ("coefficients", "energy", "usable"))
+        if "spectra" in arrays:
+            return cls.of(arrays["spectra"], coefficients, energy, usable, columns, bandwidth)
+        norms = OverlapNorms(energy, usable)
+        return cls(arrays["spectra_real"], arrays["spectra_imaginary"], coefficients, norms, columns, bandwidth)
 
     def of_places(self, coefficients: Complex64, energy: Float32, usable: Float32) -> Self:
         """The same eigenimages, for other places."""
         return replace(self, coefficients=coefficients, norms=OverlapNorms(energy, usable))
-
-    @property
-    def spectra(self) -> Complex64:
-        """Conjugate row spectra of the eigenimages, frequency first: complex64 (frequencies, p, rows)."""
-        spectra = self.real + np.complex64(1j) * self.imaginary
-        return np.ascontiguousarray(spectra.transpose(0, 2, 1), dtype=np.complex64)
 
     def votes(self, z: Complex64, usable: Bool, width: float) -> Float32:
         """Votes of an image for every heading and place, float32 (columns, k)."""

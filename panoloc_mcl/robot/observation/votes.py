@@ -183,14 +183,7 @@ class VotesModel:
         return cls(
             places_between(references, everywhere, settings, synthesizer),
             settings,
-            Correlator.of(
-                arrays["spectra"],
-                arrays["coefficients"],
-                arrays["energy"],
-                arrays["usable"],
-                references.geometry.width,
-                settings.bandwidth,
-            ),
+            Correlator.of_arrays(arrays, references.geometry.width, settings.bandwidth),
             float(arrays["kept"][0]),
             synthesizer,
             calibration=Calibration.of_array(arrays["calibration"]) if "calibration" in arrays else None,
@@ -200,10 +193,7 @@ class VotesModel:
     def arrays(self) -> dict[str, NDArray[Any]]:
         """What a map file keeps."""
         kept: dict[str, NDArray[Any]] = {
-            "spectra": self._correlator.spectra,
-            "coefficients": self._correlator.coefficients,
-            "energy": self._correlator.norms.energy,
-            "usable": self._correlator.norms.usable,
+            **self._correlator.arrays(),
             "kept": np.array([self.kept]),
             "shape": np.array(self._shape),
             "used": np.arange(len(self.places)) if self._used is None else self._used,

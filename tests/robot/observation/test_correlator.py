@@ -53,6 +53,12 @@ def test_what_is_kept_gives_the_same_correlator() -> None:
     rng = np.random.default_rng(3)
     eigenimages, coefficients = complex_noise(rng, COMPONENTS, ROWS, COLUMNS), complex_noise(rng, PLACES, COMPONENTS)
     one = some_correlator(eigenimages, coefficients, 0.35)
-    other = Correlator.of(one.spectra, one.coefficients, one.norms.energy, one.norms.usable, COLUMNS, 0.35)
+    kept = one.arrays()
+    # The kernel's own order: nothing is copied.
+    other = Correlator.of_arrays(kept, COLUMNS, 0.35)
+    assert other.real is kept["spectra_real"] is one.real
+    spectra = np.ascontiguousarray((one.real + np.complex64(1j) * one.imaginary).transpose(0, 2, 1))
+    before = {**{name: kept[name] for name in ("coefficients", "energy", "usable")}, "spectra": spectra}
     z, usable = complex_noise(rng, ROWS, COLUMNS), np.ones((ROWS, COLUMNS), dtype=bool)
-    assert np.array_equal(one.votes(z, usable, 0.7), other.votes(z, usable, 0.7))
+    for again in (other, Correlator.of_arrays(before, COLUMNS, 0.35)):
+        assert np.array_equal(one.votes(z, usable, 0.7), again.votes(z, usable, 0.7))
