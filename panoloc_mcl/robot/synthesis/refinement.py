@@ -81,7 +81,7 @@ _LAST, _LAST_OF_FOLLOWED = (1.0, 1.0), (2.0, 5.0)
 # Sources are weighted by 1 / (distance + this), and by how sure their own poses are.
 _NEAR_M = 0.05
 # References whose smoothed features are kept at hand.
-_KEPT_FEATURES = 48
+_KEPT_FEATURES = 32
 
 
 class PoseRefiner:
