@@ -17,7 +17,7 @@ def test_importing_the_package_loads_nothing():
 
 def test_importing_every_public_name_compiles_nothing():
     code = "import panoloc_mcl\nfor name in panoloc_mcl.__all__: getattr(panoloc_mcl, name)\n"
-    code += "from panoloc_mcl.robot.kernels.filtering import particles, voting\n"
+    code += "from panoloc_mcl.robot.kernels import voting\nfrom panoloc_mcl.robot.kernels.filtering import particles\n"
     code += "assert not particles.predict.signatures and not voting.vote.signatures"
     if "NUMBA_DISABLE_JIT" not in __import__("os").environ:
         loaded_after(code)

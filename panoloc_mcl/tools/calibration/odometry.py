@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import block_diag
+from scipy.special import ndtr, stdtrit
 
 from panoloc_mcl.robot.geometry import angle_difference, between, interpolate_at
 
@@ -211,8 +212,10 @@ def _time_offset(times: Float64, poses: Float64, odometry_times: Float64, odomet
         if information < 1e-9:
             return 0.0, np.inf
         step = float((change * rest)[kept].sum()) / information
-        left = rest[kept] - change[kept] * step
-        sd = float(np.sqrt((left**2).sum() / max(int(kept.sum()) - 1, 1) / information))
+        left, freedom = rest[kept] - change[kept] * step, max(int(kept.sum()) - 1, 1)
+        # Of few images the scatter is not known well (Student's t): as far out as so many standard deviations of many are.
+        few = float(stdtrit(freedom, ndtr(LATE))) / LATE
+        sd = few * float(np.sqrt((left**2).sum() / freedom / information))
         offset += float(np.clip(step, -0.3, 0.3))
     return offset, sd
 

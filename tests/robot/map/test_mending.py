@@ -62,7 +62,7 @@ def test_disturbed_poses_are_mended(small_room: Dataset):
     before, after = aligned_errors(given, truth), aligned_errors(result.source.poses, truth)
     assert np.median(after) < 0.4 * np.median(before)
     assert np.median(np.abs(wrap_angle(result.source.poses[:, 2] - truth[:, 2] - np.mean(given[:, 2])))) < np.radians(1.0)
-    assert "mended" in result.notes[0]
+    assert "corrected by the images" in result.notes[0]
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[3]
 SHOW_JIT = "import warnings; warnings.simplefilter('always'); import panoloc_mcl.robot.kernels.jit; import numba"
 COMPILE = (
     "from panoloc_mcl.robot.kernels.examples import EXAMPLES, find;"
-    "find('weights.likelihoods')(*EXAMPLES['weights.likelihoods']()); print('done')"
+    "find('filtering.weights.likelihoods')(*EXAMPLES['filtering.weights.likelihoods']()); print('done')"
 )
 
 

@@ -59,7 +59,7 @@ def test_a_robot_on_one_of_two_floors(setup, tmp_path: Path, capsys) -> None:
     answers = lines(capsys.readouterr().out)
     assert [answer["map"] for answer in answers[-3:]] == ["ground"] * 3
     assert answers[-1]["status"] == "converged"
-    assert sorted(path.name for path in tmp_path.glob("state*.npz")) == ["state.0.npz", "state.1.npz", "state.npz"]
+    assert sorted(path.name for path in tmp_path.glob("state*.npz")) == ["state.0.1.npz", "state.1.1.npz", "state.npz"]
     assert main(["check", str(config)]) == 0
 
 
