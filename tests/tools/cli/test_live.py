@@ -59,7 +59,9 @@ def test_a_robot_on_one_of_two_floors(setup, tmp_path: Path, capsys) -> None:
     answers = lines(capsys.readouterr().out)
     assert [answer["map"] for answer in answers[-3:]] == ["ground"] * 3
     assert answers[-1]["status"] == "converged"
-    assert sorted(path.name for path in tmp_path.glob("state*.npz")) == ["state.0.1.npz", "state.1.1.npz", "state.npz"]
+    # One of two sets of files, by turns: which, depends on how often it was saved.
+    saved = sorted(path.name for path in tmp_path.glob("state*.npz"))
+    assert saved in [[f"state.0.{which}.npz", f"state.1.{which}.npz", "state.npz"] for which in (0, 1)]
     assert main(["check", str(config)]) == 0
 
 
