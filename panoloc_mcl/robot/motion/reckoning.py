@@ -72,11 +72,15 @@ def _motion_on(odometry: OdometryBuffer, start: float, end: float) -> Motion:
         x0, y0, a0, way0, turned0 = _reading(odometry, start)
         x1, y1, a1, way1, turned1 = _reading(odometry, end)
         known_until = times[-1] + odometry._reach()
-        oldest = times[0]
+        oldest, newest = times[0], times[-1]
         growth = odometry._growth(start, end)
     c, s, dx, dy = math.cos(a0), math.sin(a0), x1 - x0, y1 - y0
     increment = np.array([c * dx + s * dy, c * dy - s * dx, math.remainder(a1 - a0, 2.0 * math.pi)])
-    known = NOISE_MODELS[settings.model](taken_apart(increment, way1 - way0, turned1 - turned0), settings)
+    way, turned = way1 - way0, turned1 - turned0
+    if start > newest:
+        # Both ends are carried on beyond the newest measurement, and ways from there to each of them do not add up on an arc.
+        way, turned = math.hypot(dx, dy), abs(float(increment[2]))
+    known = NOISE_MODELS[settings.model](taken_apart(increment, way, turned), settings)
     known = grown(known, *growth)
     unknown = max(0.0, end - max(start, known_until)) + max(0.0, min(end, oldest - settings.clock_jump_s) - start)
     return blind(known, unknown, settings)
