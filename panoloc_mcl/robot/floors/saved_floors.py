@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,9 +16,11 @@ from panoloc_mcl.robot.localizer import Localizer
 from panoloc_mcl.robot.locks import Lock, locked
 
 _FORMAT = "panoloc-floors/2"
+# One set of files beside it, written in place.
+_FORMAT_BEFORE = "panoloc-floors/1"
 
 
-class SavedFloors:
+class SavedFloors(ABC):
     """Saved and resumed: what `FloorLocalizer` has, and others need not know."""
 
     _lock: Lock
@@ -23,9 +28,9 @@ class SavedFloors:
     _localizers: dict[str, Localizer]
     _belief: FloorBelief
 
+    @abstractmethod
     def relocalize(self) -> None:
         """Forget map and pose."""
-        raise NotImplementedError
 
     @locked
     def save_state(self, path: str | Path) -> None:
@@ -41,7 +46,7 @@ class SavedFloors:
         """
         path = Path(path)
         before = _saved_before(path)
-        saved = 1 - before
+        saved = 0 if before == 1 else 1
         for number, localizer in enumerate(self._localizers.values()):
             localizer.save_state(_beside(path, number, saved))
         header = {"format": _FORMAT, "maps": list(self._names), "saved": saved}
@@ -62,27 +67,34 @@ class SavedFloors:
             header, arrays = read_arrays(Path(path))
         except (OSError, ValueError) as error:
             raise StateError(f"{path}: not a saved state ({error}); start anew and save it again") from error
-        if header.get("format") != _FORMAT or header.get("saved") not in (0, 1) or header.get("maps") != list(self._names):
+        if header.get("format") not in (_FORMAT, _FORMAT_BEFORE):
+            raise StateError(f"{path}: format is {header.get('format')!r}, this version reads '{_FORMAT}'; start anew")
+        if header.get("maps") != list(self._names):
             raise StateError(f"{path}: saved with maps {header.get('maps')}, these are {list(self._names)}; start anew")
         probabilities = np.asarray(arrays.get("probabilities"), dtype=np.float64)
         if probabilities.shape != (len(self._names),) or not np.isfinite(probabilities).all() or (probabilities < 0.0).any():
             raise StateError(f"{path}: the saved state is damaged (probabilities); start anew and save it again")
         try:
             for number, localizer in enumerate(self._localizers.values()):
-                localizer.resume(_beside(Path(path), number, header["saved"]))
+                localizer.resume(_beside(Path(path), number, _set_of(header)))
         except StateError:
             self.relocalize()
             raise
         self._belief = FloorBelief(self._names, probabilities / max(float(probabilities.sum()), 1e-300))
 
 
-def _beside(path: Path, number: int, saved: int) -> Path:
-    return path.with_name(f"{path.stem}.{number}.{saved}{path.suffix}")
+def _beside(path: Path, number: int, saved: int | None) -> Path:
+    return path.with_name(f"{path.stem}.{number}{'' if saved is None else f'.{saved}'}{path.suffix}")
 
 
-def _saved_before(path: Path) -> int:
-    """Which of two sets of files beside a saved state holds it, 0 or 1; whichever where there is none."""
+def _set_of(header: Mapping[str, Any]) -> int | None:
+    """Which of two sets of files beside a saved state holds it, 0 or 1; None where an earlier version wrote the only one."""
+    return None if header.get("format") == _FORMAT_BEFORE else int(header.get("saved") == 1)
+
+
+def _saved_before(path: Path) -> int | None:
+    """The set that a saved state is in; 0 where nothing is saved."""
     try:
-        return int(read_arrays(path)[0].get("saved") == 1)
+        return _set_of(read_arrays(path)[0])
     except (OSError, ValueError):
         return 0

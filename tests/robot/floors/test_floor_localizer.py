@@ -10,6 +10,7 @@ from oracles.furnished_room import build_room
 from panoloc_mcl.laboratory.studies.floors import ridden
 from panoloc_mcl.robot.camera import PanoramaGeometry
 from panoloc_mcl.robot.errors import ConfigError, StateError
+from panoloc_mcl.robot.files import read_arrays, write_arrays
 from panoloc_mcl.robot.filters import Estimate, Status
 from panoloc_mcl.robot.floors import FloorLocalizer, Transition
 from panoloc_mcl.robot.interface.keeper import StateKeeper
@@ -134,6 +135,21 @@ def test_a_saved_state_goes_on(floors, maps, tmp_path: Path) -> None:
     assert sorted(file.name for file in tmp_path.iterdir()) != kept
     assert len(kept) == len(list(tmp_path.iterdir())) == 3
     FloorLocalizer(maps).resume(tmp_path / "state.npz")
+    # As an earlier version wrote it: one set of files. The next ones take its place.
+    header, arrays = read_arrays(tmp_path / "state.npz")
+    earlier = {name: value for name, value in header.items() if name != "saved"} | {"format": "panoloc-floors/1"}
+    write_arrays(tmp_path / "state.npz", earlier, arrays)
+    for number in (0, 1):
+        next(tmp_path.glob(f"state.{number}.*")).rename(tmp_path / f"state.{number}.npz")
+    later = FloorLocalizer(maps)
+    later.resume(tmp_path / "state.npz")
+    assert later.probabilities == pytest.approx(localizer.probabilities)
+    later.save_state(tmp_path / "state.npz")
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["state.0.1.npz", "state.1.1.npz", "state.npz"]
+    write_arrays(tmp_path / "other.npz", {**header, "format": "panoloc-floors/9"}, arrays)
+    with pytest.raises(StateError, match="format is 'panoloc-floors/9', this version reads"):
+        later.resume(tmp_path / "other.npz")
+    (tmp_path / "other.npz").unlink()
     whole = (tmp_path / "state.npz").read_bytes()
     next(tmp_path.glob("state.1.*")).write_bytes(b"PK nothing")
     with pytest.raises(StateError, match="not a saved state"):
