@@ -23,6 +23,7 @@ PAPER_TABLE_1 = {
 }
 #: Of the meter above the floor.
 METER_HEIGHT_M = 0.02
+_UNKNOWN = (None,) * 4
 
 
 def study(scene: str = "hall", samples: int = 4096, notice: Callable[[str], None] = lambda text: None) -> Report:
@@ -39,17 +40,25 @@ def study(scene: str = "hall", samples: int = 4096, notice: Callable[[str], None
     """
     described, folder = load_scene(scene)
     places = reference_poses(FreeSpace(build(described, folder), 0.7))[:, :2]
-    report = Report(
-        f"{len(places)} reference places of the scene `{described.name}`: rendered / paper, lux (difference in per cent)."
+    known = any(light in PAPER_TABLE_1 for light in described.lights)
+    figures = (
+        "rendered / paper, lux (difference in per cent)"
+        if known
+        else "rendered, lux; none of its lights is in the paper's table"
     )
+    report = Report(f"{len(places)} reference places of the scene `{described.name}`: {figures}.")
     heads = ("light", "sun above the horizon, degrees", "outside, lux", "min", "max", "mean", "standard deviation")
     table = report.table("", heads)
-    for light, (lux, outside) in metered(scene, places, tuple(PAPER_TABLE_1), samples, notice).items():
+    for light, (lux, outside) in metered(scene, places, tuple(described.lights), samples, notice).items():
         found = (lux.min(), lux.max(), lux.mean(), lux.std(ddof=1))
-        cells = [f"{a:.1f} / {b:g} ({100.0 * (a / b - 1.0):+.1f})" for a, b in zip(found, PAPER_TABLE_1[light], strict=True)]
+        cells = [_beside(a, b) for a, b in zip(found, PAPER_TABLE_1.get(light, _UNKNOWN), strict=True)]
         height = elevation_deg(described.site, described.lights[light].time_h)
         table.add(light, Number(height), Number(outside), *cells)
     return report
+
+
+def _beside(found: float, paper: float | None) -> str:
+    return f"{found:.1f}" if paper is None else f"{found:.1f} / {paper:g} ({100.0 * (found / paper - 1.0):+.1f})"
 
 
 def metered(
