@@ -1,12 +1,11 @@
 """Asking a localizer changes nothing, whatever has happened before: two calls give one answer, and it goes on as if unasked."""
 
-import hashlib
 import json
 
-import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from oracles.answers import plain
 
 from panoloc_mcl.robot.errors import ImageError
 from panoloc_mcl.robot.filters import Estimate
@@ -67,20 +66,6 @@ def happen(localizer: Localizer, world, what: str, index: int, now: float) -> Es
     else:
         localizer.force_update()
     return None
-
-
-def plain(value: object) -> object:
-    """Anything that is answered, as text that tells bits apart."""
-    if isinstance(value, np.ndarray):
-        return [str(value.dtype), value.shape, hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()]
-    if isinstance(value, (tuple, list)):
-        return [plain(part) for part in value]
-    if isinstance(value, dict):
-        return {str(key): plain(part) for key, part in value.items()}
-    if hasattr(value, "__dataclass_fields__"):
-        # How long it took is no answer, and the places are the map's.
-        return {name: plain(getattr(value, name)) for name in value.__dataclass_fields__ if name not in ("stage_ms", "places")}
-    return repr(value)
 
 
 def all_answers(localizer: Localizer, world, now: float, folder) -> str:
