@@ -24,7 +24,8 @@ from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.motion import Anchor, ImageClock, Motion, OdometryBuffer, blind, planar_pose, seconds
 from panoloc_mcl.robot.motion.pace import Pace, paced
 from panoloc_mcl.robot.observation import ObservationModel, Places, VoteField
-from panoloc_mcl.robot.observation.field import Guess, silent_field
+from panoloc_mcl.robot.observation.field import silent_field
+from panoloc_mcl.robot.observation.peaks import Guess
 from panoloc_mcl.robot.observation.tracking import Expected, TrackingModel
 from panoloc_mcl.robot.progress import timed
 from panoloc_mcl.robot.reasons import Finding, Reason

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.robot.geometry import compose
-from panoloc_mcl.robot.observation.field import Guess, VoteField
+from panoloc_mcl.robot.observation.field import VoteField
+from panoloc_mcl.robot.observation.peaks import Guess
 from panoloc_mcl.robot.reasons import Reason
 
 Float64 = NDArray[np.float64]

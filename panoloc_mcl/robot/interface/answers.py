@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from panoloc_mcl.robot.camera import Mount
 from panoloc_mcl.robot.filters import Cluster, Status
 from panoloc_mcl.robot.observation import VoteField
-from panoloc_mcl.robot.observation.field import Guess
+from panoloc_mcl.robot.observation.peaks import Guess
 
 Float64 = NDArray[np.float64]
 

@@ -24,7 +24,7 @@ def _read_field() -> tuple[Any, ...]:
     scores = np.ones((8, 2), dtype=np.float32)
     neighbours = np.zeros((4, 1), dtype=np.int32)
     weights = np.ones((4, 1), dtype=np.float32)
-    return *_particles(), scores, neighbours, weights, -1.0, -1.0, 1.0, 2, 2
+    return *_particles(), scores, np.zeros(0, dtype=np.int32), neighbours, weights, -1.0, -1.0, 1.0, 2, 2
 
 
 def _grid() -> tuple[Any, ...]:
@@ -144,7 +144,7 @@ EXAMPLES: dict[str, Callable[[], tuple[Any, ...]]] = {
     "filtering.hypotheses.slots_of": lambda: (np.zeros(4, dtype=np.int64), 4, _integers(1) - 1, np.zeros(1, dtype=np.int64), 0),
     "filtering.particles.in_turns": lambda: (np.float32(0.25),),
     "filtering.particles.likelihoods_there": lambda: (*_read_field(), 1.0, 0.5, 1.0, 0.01, _numbers()),
-    "filtering.particles.look": lambda: (*_read_field()[3:6], _integers(), _words(), _numbers(), _numbers()),
+    "filtering.particles.look": lambda: (*_read_field()[3:7], _integers(), _words(), _numbers(), _numbers()),
     "filtering.particles.predict": _predict,
     "filtering.particles.read_field": _read_field,
     "filtering.particles.take": lambda: (*_particles(), np.arange(3), *_particles(3)),

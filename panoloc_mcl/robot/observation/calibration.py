@@ -40,16 +40,17 @@ Float64 = NDArray[np.float64]
 Disturb = Callable[[NDArray[np.uint8], np.random.Generator], NDArray[np.uint8]]
 
 
-def _dark_and_noisy(image: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+def dark_and_noisy(image: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+    """Two fifths as bright, half of the pixels random."""
     return random_pixels(gain(image, rng, 0.4), rng, 0.5)
 
 
 _OCCLUDED: Disturb = partial(bars, share=0.6)
-CONDITIONS: tuple[Disturb | None, ...] = (None, _OCCLUDED, _dark_and_noisy, spatial_light, partial(blobs, share=0.4))
+CONDITIONS: tuple[Disturb | None, ...] = (None, _OCCLUDED, dark_and_noisy, spatial_light, partial(blobs, share=0.4))
 #: As on another day: half as bright, and not everywhere alike.
 DIM: Disturb = partial(spatial_light, gain=0.5)
 #: And upside down, which was taken nowhere; the second and later ones mirrored, too, so that they are not the same image again.
-NOWHERE: tuple[Disturb | None, ...] = (_OCCLUDED, None, _dark_and_noisy, spatial_light)
+NOWHERE: tuple[Disturb | None, ...] = (_OCCLUDED, None, dark_and_noisy, spatial_light)
 #: And in two: what is above a row is turned against what is below.
 HALVED: tuple[Disturb | None, ...] = (None, spatial_light, None)
 # Rows above it, and by how much they are turned at the least, shares of all.

@@ -15,6 +15,8 @@ from panoloc_mcl.robot.geometry import angle_difference, wrap_angle
 from panoloc_mcl.robot.kernels.filtering.particles import likelihoods_there, read_field
 from panoloc_mcl.robot.kernels.filtering.weights import likelihoods
 from panoloc_mcl.robot.measurement import PoseMeasurement
+from panoloc_mcl.robot.observation.large_maps.asked import MOST_DENSE, SPREAD, Asked, evenly
+from panoloc_mcl.robot.observation.peaks import Guess, Peak
 from panoloc_mcl.robot.observation.places import Places
 
 Float64 = NDArray[np.float64]
@@ -23,43 +25,11 @@ Float32 = NDArray[np.float32]
 # A rival is somewhere else: at least this far from the best cell, in place spacings or in degrees.
 _RIVAL_SPACINGS = 1.6
 _RIVAL_DEG = 20.0
-
-
-@dataclass(frozen=True)
-class Peak:
-    """The best cell of a vote field.
-
-    Parameters
-    ----------
-    place : int
-    heading : float
-        Radians; between the field's headings where they are equally spaced. NaN where the image gives none.
-    votes : float
-    margin : float
-        Votes ahead of the best rival elsewhere, as a share of ``votes``; 0 = a tie, 1 = no rival at all.
-    """
-
-    place: int
-    heading: float
-    votes: float
-    margin: float
-
-
-@dataclass(frozen=True, eq=False)
-class Guess:
-    """What one image says by itself.
-
-    Parameters
-    ----------
-    pose : float64 (3,)
-        x, y, heading of the best cell, refined where the model refines; metres and radians. Heading 0 where the image gives none.
-    probability : float
-        That the pose is right: calibrated by held-out references, or, where the model knows no doubt, the share of the likelihood that
-        lies around the best cell.
-    """
-
-    pose: Float64
-    probability: float
+# Cells so many standard deviations below the best add nothing to the mean likelihood of a field.
+_DEEPEST = 5.0
+# Votes change little from one degree to the next: so many headings are enough for that mean.
+_HEADINGS = 90
+_EVERY_PLACE = np.zeros(0, dtype=np.int32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,13 +38,13 @@ class VoteField:
 
     Parameters
     ----------
-    votes : float32 (h, k)
+    votes : float32 (h, c)
         In [0, 1].
     headings : float64 (h,)
         Radians. Either equally spaced over the circle from 0, or those that were asked for. A single one over the full circle: the
         votes hold at every heading.
     places : Places
-        The k places.
+        The k places of the map.
     tolerance : float
         Standard deviation of how far the votes at the true pose fall short of the best ones.
     full_circle : bool
@@ -88,6 +58,8 @@ class VoteField:
         Probability that the best pose (refined, if it is) is right; NaN where the model does not know.
     best_at_any_heading : float
         Where only some headings were asked for: the best votes at any; NaN where the model does not know.
+    asked : Asked or None
+        The places that the c columns are of, where the map has too many to ask them all; None: of all, in order.
     """
 
     votes: Float32
@@ -99,6 +71,7 @@ class VoteField:
     measurement: PoseMeasurement | None = None
     confidence: float = float("nan")
     best_at_any_heading: float = float("nan")
+    asked: Asked | None = None
 
     @property
     def informative(self) -> bool:
@@ -131,12 +104,31 @@ class VoteField:
     def _raster_from(self, origin: Float64) -> tuple[Any, ...]:
         raster = self.places.raster
         x, y = raster.origin[0] - float(origin[0]), raster.origin[1] - float(origin[1])
-        return self.votes, raster.neighbours, raster.weights, x, y, raster.cell, raster.shape[1], raster.shape[0]
+        columns = _EVERY_PLACE if self.asked is None else self.asked.columns
+        looked_up = self._readable, columns, raster.neighbours, raster.weights
+        return *looked_up, x, y, raster.cell, raster.shape[1], raster.shape[0]
+
+    @cached_property
+    def _readable(self) -> Float32:
+        return self.votes if self.asked is None else self.asked.readable(self.votes)
+
+    def _column(self, places: Any) -> Any:
+        """Columns of places in what is readable."""
+        return places if self.asked is None else self.asked.columns[places]
+
+    def _place(self, columns: Any) -> Any:
+        """Places of columns."""
+        return columns if self.asked is None else self.asked.places[columns]
+
+    @property
+    def best_of_places(self) -> Float32:
+        """The most votes of every place of the map at any heading, float32 (k,)."""
+        return np.asarray(self._readable.max(axis=0)[self._column(slice(None))])
 
     def votes_at(self, pose: Float64) -> float:
         """What `read` gives for one pose (3,), without the raster, which a field of few questions need not have."""
         neighbours, weights = self.places.around(pose[None, :2])
-        rows = at_headings(self.votes[:, neighbours[0]], np.array([pose[2] % (2.0 * np.pi)]))
+        rows = at_headings(self._readable[:, self._column(neighbours[0])], np.array([pose[2] % (2.0 * np.pi)]))
         return float(rows[0] @ weights[0])
 
     def likelihood(self, votes: Float32, sharpness: float = 1.0, floor: float = 0.0) -> Float32:
@@ -146,36 +138,51 @@ class VoteField:
         """
         return likelihoods(votes, self.peak.votes, self.tolerance, sharpness, floor)
 
+    def mean_likelihood(self, sharpness: float) -> float:
+        """Of all headings and places of the map."""
+        deepest = np.float32(self.peak.votes - _DEEPEST * self.tolerance / np.sqrt(sharpness))
+        some = self.votes[:: max(1, len(self.headings) // _HEADINGS)]
+        likely = np.flatnonzero(some.ravel() >= deepest)
+        found = self.likelihood(some.ravel()[likely], sharpness)
+        if self.asked is None:
+            return float(found.sum(dtype=np.float64)) / some.size
+        shares = self.asked.stands_for[likely % some.shape[1]]
+        return float(np.vdot(found, shares)) / (len(some) * len(self.places))
+
     @cached_property
     def peak(self) -> Peak:
         """The best heading and place, and its lead over the best rival elsewhere."""
         flat = int(np.argmax(self.votes))
-        row, place = divmod(flat, self.votes.shape[1])
-        best = float(self.votes[row, place])
-        near_heading = np.abs(angle_difference(self.headings, self.headings[row])) <= np.radians(_RIVAL_DEG)
-        offsets = self.places.positions - self.places.positions[place]
-        near_place = np.hypot(offsets[:, 0], offsets[:, 1]) <= _RIVAL_SPACINGS * self.places.spacing
+        row, column = divmod(flat, self.votes.shape[1])
+        best = float(self.votes[row, column])
+        near_heading, near_place = self._near(row, int(self._place(column)))
         rivals = [self.votes.max(axis=1)[~near_heading], self.votes.max(axis=0)[~near_place]]
         rival = max((float(group.max()) for group in rivals if group.size), default=0.0)
         margin = (best - rival) / best if best > 0.0 else 0.0
-        return Peak(place, self._between_headings(row, place), best, margin)
+        return Peak(int(self._place(column)), self._between_headings(row, column), best, margin)
 
     def best_cells(self, most: int) -> Iterator[tuple[int, int]]:
         """Heading and place of the best cell, then of the best one elsewhere, and so on; at most so many."""
         votes = self.votes.copy()
         for _ in range(most):
-            row, place = divmod(int(np.argmax(votes)), votes.shape[1])
-            if votes[row, place] <= 0.0:
+            row, column = divmod(int(np.argmax(votes)), votes.shape[1])
+            if votes[row, column] <= 0.0:
                 return
+            place = int(self._place(column))
             yield row, place
             votes[self._around(row, place)] = 0.0
 
     def _around(self, row: int, place: int) -> tuple[NDArray[Any], ...]:
         """Indices of the cells that are the same place and heading as one cell, roughly."""
-        offsets = self.places.positions - self.places.positions[place]
-        near_place = np.hypot(offsets[:, 0], offsets[:, 1]) <= _RIVAL_SPACINGS * self.places.spacing
-        near_heading = np.abs(angle_difference(self.headings, self.headings[row])) <= np.radians(_RIVAL_DEG)
+        near_heading, near_place = self._near(row, place)
         return np.ix_(np.flatnonzero(near_heading), np.flatnonzero(near_place))
+
+    def _near(self, row: int, place: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Rows and columns that are the same heading, or place, roughly."""
+        places = self.places.positions if self.asked is None else self.places.positions[self.asked.places]
+        offsets = places - self.places.positions[place]
+        near_place = np.hypot(offsets[:, 0], offsets[:, 1]) <= _RIVAL_SPACINGS * self.places.spacing
+        return np.abs(angle_difference(self.headings, self.headings[row])) <= np.radians(_RIVAL_DEG), near_place
 
     def weakened(self, row: int, place: int, factor: float) -> VoteField:
         """The same field with less votes around a cell: a closer look found less there than elsewhere."""
@@ -186,9 +193,13 @@ class VoteField:
     @cached_property
     def standing_out(self) -> float:
         """How far the best votes lie above the mean of all, in standard deviations of all: of noise, no more than chance gives."""
-        spread = float(self.votes.std())
+        mean, spread = float(self.votes.mean()), float(self.votes.std())
+        if self.asked is not None:
+            shares = self.asked.stands_for / np.float32(len(self.places))
+            mean = float(self.votes.mean(axis=0) @ shares)
+            spread = float(np.sqrt(np.square(self.votes - np.float32(mean)).mean(axis=0) @ shares))
         # Equal votes differ by rounding alone.
-        return (self.peak.votes - float(self.votes.mean())) / spread if spread > 1e-6 * self.peak.votes else 0.0
+        return (self.peak.votes - mean) / spread if spread > 1e-6 * self.peak.votes else 0.0
 
     @cached_property
     def best_pose(self) -> Float64:
@@ -212,19 +223,20 @@ class VoteField:
         neighbours = self.places.nearest(sides)
         if np.any(np.hypot(*(self.places.positions[neighbours] - sides).T) > 0.1 * spacing):
             return 0.0
-        before, after = (float(votes) for votes in self.votes[np.array(rows)[:, None], neighbours[None, :]].max(axis=0))
-        here = float(self.votes[rows, place].max())
+        beside = self._readable[np.array(rows)[:, None], self._column(neighbours)[None, :]]
+        before, after = (float(votes) for votes in beside.max(axis=0))
+        here = float(self._readable[rows, self._column(place)].max())
         fall = here - min(before, after)
         return float(np.clip(0.5 * (after - before) / fall, -0.5, 0.5)) * spacing if fall > 0.0 else 0.0
 
-    def _between_headings(self, row: int, place: int) -> float:
+    def _between_headings(self, row: int, column: int) -> float:
         if not self.gives_heading:
             return float("nan")
         heading = float(self.headings[row])
         count = len(self.headings)
         if not self.full_circle or count < 3:
             return heading
-        before, here, after = (float(self.votes[(row + step) % count, place]) for step in (-1, 0, 1))
+        before, here, after = (float(self.votes[(row + step) % count, column]) for step in (-1, 0, 1))
         curvature = before - 2.0 * here + after
         # Top of the parabola through the three headings around the best.
         offset = 0.5 * (before - after) / curvature if curvature < 0.0 else 0.0
@@ -241,8 +253,10 @@ class VoteField:
     @property
     def _share_of_best(self) -> float:
         likelihood = self.likelihood(self.votes.ravel()).reshape(self.votes.shape)
-        row, place = divmod(int(np.argmax(self.votes)), self.votes.shape[1])
-        return float(likelihood[self._around(row, place)].sum() / likelihood.sum())
+        if self.asked is not None:
+            likelihood *= self.asked.stands_for
+        row, column = divmod(int(np.argmax(self.votes)), self.votes.shape[1])
+        return float(likelihood[self._around(row, int(self._place(column)))].sum() / likelihood.sum())
 
     def with_measurement(self, measurement: PoseMeasurement | None) -> VoteField:
         """The same field with the pose that the image gives by itself."""
@@ -268,11 +282,11 @@ class VoteField:
         likely = np.flatnonzero(flat >= self.peak.votes - 5.0 * self.tolerance)
         cumulative = np.cumsum(self.likelihood(flat[likely]), dtype=np.float64)
         drawn = np.minimum(np.searchsorted(cumulative, rng.random(count) * cumulative[-1], side="right"), len(cumulative) - 1)
-        rows, places = np.divmod(likely[drawn], self.votes.shape[1])
+        rows, columns = np.divmod(likely[drawn], self.votes.shape[1])
         step = 2.0 * np.pi / len(self.headings)
         poses = np.empty((count, 3))
         # A third of a spacing of standard deviation covers the way to the neighbours, whose own votes weigh the result.
-        poses[:, :2] = self.places.positions[places] + rng.normal(0.0, 0.35 * self.places.spacing, (count, 2))
+        poses[:, :2] = self.places.positions[self._place(columns)] + rng.normal(0.0, 0.35 * self.places.spacing, (count, 2))
         if self.gives_heading:
             poses[:, 2] = wrap_angle(self.headings[rows] + rng.normal(0.0, max(step, np.radians(1.0)), count))
         else:
@@ -291,8 +305,11 @@ def at_headings(votes: Float32, headings: Float64) -> Float32:
 
 def silent_field(headings: Float64, places: Places, problem: str, full_circle: bool) -> VoteField:
     """The field of an image that says nothing: all votes 0, and why."""
-    votes = np.zeros((len(headings), len(places)), dtype=np.float32)
-    return VoteField(votes, headings, places, tolerance=1.0, full_circle=full_circle, problem=problem)
+    asked = None
+    if len(places) > MOST_DENSE:
+        asked = Asked.among(evenly(1, len(places)), evenly(SPREAD, len(places)), len(places))
+    votes = np.zeros((len(headings), len(places if asked is None else asked.places)), dtype=np.float32)
+    return VoteField(votes, headings, places, tolerance=1.0, full_circle=full_circle, problem=problem, asked=asked)
 
 
 def vote_of_cosine(cosines: Float32, width: float) -> Float32:

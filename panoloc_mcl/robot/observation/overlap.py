@@ -6,7 +6,7 @@ where the other is usable is a circular correlation again. Both vary slowly, so 
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,9 +55,18 @@ class OverlapNorms:
     def __init__(self, energy: Float32, usable: Float32) -> None:
         self.energy, self.usable = energy, usable
         self._blocks = energy.shape[2]
-        self._energy_spectra = _spectra(energy)
-        self._usable_spectra = _spectra(usable)
-        self._energy_total = energy.sum(axis=(1, 2))
+
+    @cached_property
+    def _energy_spectra(self) -> Complex64:
+        return _spectra(self.energy)
+
+    @cached_property
+    def _usable_spectra(self) -> Complex64:
+        return _spectra(self.usable)
+
+    @cached_property
+    def _energy_total(self) -> Float32:
+        return np.asarray(self.energy.sum(axis=(1, 2)))
 
     def of(self, z: Complex64, usable: Bool) -> Float32:
         """Product of the image's and the places' norms over the overlap, float32 (block columns, k).

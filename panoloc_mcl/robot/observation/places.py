@@ -86,6 +86,11 @@ class Places:
         off = known - position
         return int(np.argmin(np.einsum("ij,ij->i", off, off)))
 
+    def within(self, position: Float64, metres: float) -> NDArray[np.int64]:
+        """Places so near to a position (2,), int64, the nearest one at least."""
+        found = np.array(self._tree.query_ball_point(position, metres), dtype=np.int64)
+        return found if len(found) else self.nearest(position[None])
+
     def nearest(self, positions: Float64) -> NDArray[np.int64]:
         """Index of the place nearest to each position (n, 2)."""
         return np.asarray(self._tree.query(positions)[1], dtype=np.int64)

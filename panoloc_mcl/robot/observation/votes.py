@@ -21,8 +21,10 @@ from panoloc_mcl.robot.eigenspace.gradients import check_filter_size, orientatio
 from panoloc_mcl.robot.eigenspace.pca import eigenspace_of
 from panoloc_mcl.robot.observation.base import Arrays
 from panoloc_mcl.robot.observation.calibration import DIM, Calibration, calibrate
-from panoloc_mcl.robot.observation.correlator import Correlator, frequencies_kept
+from panoloc_mcl.robot.observation.correlator import Correlator, OfPlace, frequencies_kept, in_half
 from panoloc_mcl.robot.observation.field import VoteField, at_headings, silent_field, vote_of_cosine
+from panoloc_mcl.robot.observation.large_maps.asked import MOST_DENSE, Asked
+from panoloc_mcl.robot.observation.large_maps.retrieval import Retrieval, learned_count
 from panoloc_mcl.robot.observation.overlap import block_energy, block_usable
 from panoloc_mcl.robot.observation.places import Places
 from panoloc_mcl.robot.observation.scale import at_resolution, references_at, resolution_of
@@ -51,7 +53,7 @@ _FEWEST_COMPONENTS, _MOST_COMPONENTS, _PLACES_A_COMPONENT = 60, 200, 8
 
 
 def _default_components(places: int) -> int:
-    """Eigenimages that tell so many places apart: neighbouring views are alike, so a share of their number is enough."""
+    """Neighbouring views are alike: so many eigenimages tell so many places apart."""
     return int(np.clip(places // _PLACES_A_COMPONENT, _FEWEST_COMPONENTS, _MOST_COMPONENTS))
 
 
@@ -74,6 +76,8 @@ class VotesModel:
         What held-out references taught; without one, no confidence is given.
     used : int64 (m,), optional
         References that the model is made from: those that tell something new and are not doubted. All, by default.
+    retrieved : int, optional
+        Of a large map, how many places are voted on; None: all.
     """
 
     name = "votes"
@@ -90,6 +94,7 @@ class VotesModel:
         notes: tuple[str, ...] = (),
         calibration: Calibration | None = None,
         used: NDArray[np.int64] | None = None,
+        retrieved: int | None = None,
     ) -> None:
         self.places = places
         self.settings = settings
@@ -98,6 +103,7 @@ class VotesModel:
         self.calibration = calibration
         self._used = used
         self._correlator = correlator
+        self._retrieval = None if retrieved is None else Retrieval(correlator, places, retrieved)
         self._shape = correlator.real.shape[1], correlator.columns
         self._headings = _around_the_circle(correlator.columns)
         self._synthesizer = synthesizer
@@ -123,15 +129,16 @@ class VotesModel:
         references = references.of(used)
         places = places_between(references, everywhere, settings, synthesizer)
         rows, columns = references.geometry.shape
-        energies: dict[int, Float32] = {}
-        shares: dict[int, Float32] = {}
+        large = len(places) > MOST_DENSE
+        blocks = len(places), *block_usable(np.ones((rows, columns), dtype=np.bool_)).shape
+        energy, usable = (np.empty(blocks, dtype=np.float16 if large else np.float32) for _ in range(2))
 
         def features(index: int) -> Complex64:
             if synthesizer is None:
                 z, mask = orientations(references.panorama(index), settings)
             else:
                 z, mask = synthetic_features(synthesizer, places.positions[index], settings)
-            energies[index], shares[index] = block_energy(z), block_usable(mask)
+            energy[index], usable[index] = block_energy(z), block_usable(mask)
             return z.ravel()
 
         eigenspace = eigenspace_of(
@@ -145,23 +152,27 @@ class VotesModel:
         )
         # The norm of a place is that of its coefficients (eq. 4): what the eigenimages do not hold must not count against it.
         held = np.sum(np.abs(eigenspace.coefficients) ** 2, axis=1)
-        energy = np.stack([energies[index] for index in range(len(places))])
-        usable = np.stack([shares[index] for index in range(len(places))])
-        energy *= (held / np.maximum(energy.sum(axis=(1, 2)), 1e-12))[:, None, None]
+        energy *= (held / np.maximum(energy.sum(axis=(1, 2), dtype=np.float32), 1e-12))[:, None, None]
         kept = frequencies_kept(columns, settings.bandwidth)
         spectra = np.empty((len(kept), len(eigenspace.eigenimages), rows), dtype=np.complex64)
         for index, eigenimage in enumerate(eigenspace.eigenimages):
             spectra[:, index, :] = fft.fft(eigenimage.reshape(rows, columns), axis=1).conj().T[kept]
+        coefficients = in_half(eigenspace.coefficients) if large else eigenspace.coefficients
         model = cls(
             places,
             settings,
-            Correlator.of(spectra, eigenspace.coefficients, energy, usable, columns, settings.bandwidth),
+            Correlator.of(spectra, coefficients, energy, usable, columns, settings.bandwidth),
             eigenspace.kept,
             synthesizer,
             notes,
             used=used,
+            retrieved=len(places) if large else None,
         )
         most, threads = settings.calibration_references, _threads(settings)
+        if model._retrieval is not None:
+            model._retrieval = replace(
+                model._retrieval, count=learned_count(model.held_out, references, most, progress, threads)
+            )
         between = synthesizer is not None
         model.calibration = calibrate(model.held_out, references, most, progress, threads, settings.wrong_share, between)
         if synthesizer is not None:
@@ -188,6 +199,7 @@ class VotesModel:
             synthesizer,
             calibration=Calibration.of_array(arrays["calibration"]) if "calibration" in arrays else None,
             used=arrays["used"],
+            retrieved=int(arrays["retrieved"][0]) if "retrieved" in arrays else None,
         )
 
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -204,6 +216,8 @@ class VotesModel:
             kept["source_errors"] = self._synthesizer.errors.array()
         if self.calibration is not None:
             kept["calibration"] = self.calibration.array()
+        if self._retrieval is not None:
+            kept["retrieved"] = np.array([self._retrieval.count])
         return kept
 
     def observe(self, panorama: Panorama, headings: NDArray[np.float64] | None = None) -> VoteField:
@@ -219,28 +233,38 @@ class VotesModel:
         z, mask = orientations(panorama, self.settings)
         problem = useless(panorama, z, mask, self.settings)
         if problem:
-            asked = self._headings if headings is None else headings
-            return silent_field(asked, self.places, problem, headings is None)
+            at = self._headings if headings is None else headings
+            return silent_field(at, self.places, problem, headings is None)
         followed = None if expected is None or self._refiner is None else self._followed(self._refiner, z, mask, expected)
         if followed is not None and self._proves(followed):
             return followed
-        votes = self._correlator.votes(z, mask, self.settings.vote_width)
-        tolerance = self._tolerance_of(votes)
-        if headings is None:
-            field = VoteField(votes, self._headings, self.places, tolerance)
-            if followed is not None and expected is not None and expected.fits(field):
-                # All eigenimages point there, too: a search would measure the same pose once more.
-                return self._judged(field.with_measurement(followed.measurement))
-            return self._judged(field if self._refiner is None else self._refined(self._refiner, field, z, mask))
-        best = float(votes.max())
-        return VoteField(
-            at_headings(votes, headings), headings, self.places, tolerance, full_circle=False, best_at_any_heading=best
-        )
+        votes, asked = self._votes(z, mask)
+        field = VoteField(votes, self._headings, self.places, self._tolerance_of(votes), asked=asked)
+        if headings is not None:
+            best, votes = float(votes.max()), at_headings(votes, headings)
+            return replace(field, votes=votes, headings=headings, full_circle=False, best_at_any_heading=best)
+        if followed is not None and expected is not None and expected.fits(field):
+            # All eigenimages point there, too: a search would measure the same pose once more.
+            return self._judged(field.with_measurement(followed.measurement))
+        return self._judged(field if self._refiner is None else self._refined(self._refiner, field, z, mask))
+
+    def rank(self, panorama: Panorama, position: Float64) -> int | None:
+        """Of the place nearest to a position (2,), as retrieval ranks places for an image; None where no votes would find it."""
+        assert self._retrieval is not None
+        z, mask = orientations(at_resolution(panorama, self._shape), self.settings)
+        return self._retrieval.rank(z, mask, self.settings.vote_width, int(self.places.nearest(position[None])[0]))
+
+    def _votes(self, z: Complex64, mask: NDArray[np.bool_]) -> tuple[Float32, Asked | None]:
+        """Of every heading and place, or of those that are retrieved."""
+        if self._retrieval is None:
+            return self._correlator.votes(z, mask, self.settings.vote_width), None
+        return self._retrieval.votes(z, mask, self.settings.vote_width)
 
     def _followed(self, refiner: PoseRefiner, z: Complex64, mask: NDArray[np.bool_], expected: Expected) -> VoteField | None:
         """The votes at a glance, with the pose measured from the expected one; None where either points elsewhere."""
-        votes = self._correlator.glance(z, self.settings.vote_width)
-        field = VoteField(votes, _around_the_circle(len(votes)), self.places, self._tolerance_of(votes))
+        asked = None if self._retrieval is None else self._retrieval.near(expected.pose[:2])
+        votes = self._correlator.glance(z, self.settings.vote_width, None if asked is None else asked.places)
+        field = VoteField(votes, _around_the_circle(len(votes)), self.places, self._tolerance_of(votes), asked=asked)
         if not expected.fits(field):
             return None
         measured = refiner.follow(z, mask, expected.pose, expected.near)
@@ -260,10 +284,8 @@ class VotesModel:
         """
         settings = self.settings.refinement
         cells = list(field.best_cells(settings.candidates))
-        starts = [
-            field.best_pose,
-            *(np.array([*self.places.positions[place], self._headings[row]]) for row, place in cells[1:]),
-        ]
+        others = (np.array([*self.places.positions[place], self._headings[row]]) for row, place in cells[1:])
+        starts = [field.best_pose, *others]
         measured, agreements = refiner.refine_best(z, mask, starts, settings.sufficient_agreement)
         best = max(agreements)
         for (row, place), agreement in zip(cells, agreements, strict=False):
@@ -296,33 +318,30 @@ class VotesModel:
         The views of the places that are nearest to it are made from the others; eigenimages and depths stay as they are. Where views
         are not synthesised, its place is gone.
         """
-        norms = self._correlator.norms
         if self._synthesizer is None:
+            norms = self._correlator.norms
             others_than = np.delete(np.arange(len(self.places)), reference)
             left = Places(self.places.positions[others_than])
-            return self._with(
-                left, self._correlator.coefficients[others_than], norms.energy[others_than], norms.usable[others_than], None
-            )
+            of_places = self._correlator.coefficients[others_than], norms.energy[others_than], norms.usable[others_than]
+            return self._with(left, self._correlator.of_places(*of_places), None)
         references = self._synthesizer.references
         others = self._synthesizer.of(np.delete(np.arange(len(references)), reference))
-        coefficients, energy, usable = self._correlator.coefficients.copy(), norms.energy.copy(), norms.usable.copy()
         nearest = cKDTree(references.positions).query(self.places.positions)[1]
         # Off the grid that the references may lie on, as robots are.
         moved = self.places.spacing * np.random.default_rng(reference).uniform(-0.5, 0.5, 2)
         positions = self.places.positions + np.where(nearest == reference, 1.0, 0.0)[:, None] * moved
+        seen: dict[int, OfPlace] = {}
         for place in np.flatnonzero(nearest == reference):
             z, mask = synthetic_features(others, positions[place], self.settings)
-            coefficients[place] = self._correlator.projections(z)[0]
-            energy[place], usable[place] = block_energy(z), block_usable(mask)
-            energy[place] *= np.sum(np.abs(coefficients[place]) ** 2) / max(float(energy[place].sum()), 1e-12)
-        return self._with(replace(self.places, positions=positions), coefficients, energy, usable, others)
+            coefficients, energy = self._correlator.projections(z)[0], block_energy(z)
+            energy *= np.sum(np.abs(coefficients) ** 2) / max(float(energy.sum()), 1e-12)
+            seen[int(place)] = OfPlace(coefficients, energy, block_usable(mask))
+        return self._with(replace(self.places, positions=positions), self._correlator.with_others(seen), others)
 
-    def _with(
-        self, places: Places, coefficients: Complex64, energy: Float32, usable: Float32, synthesizer: ViewSynthesizer | None
-    ) -> VotesModel:
+    def _with(self, places: Places, correlator: Correlator, synthesizer: ViewSynthesizer | None) -> VotesModel:
         """A model with the same eigenimages."""
-        correlator = self._correlator.of_places(coefficients, energy, usable)
-        return VotesModel(places, self.settings, correlator, self.kept, synthesizer, self.notes)
+        retrieved = None if self._retrieval is None else self._retrieval.count
+        return VotesModel(places, self.settings, correlator, self.kept, synthesizer, self.notes, retrieved=retrieved)
 
 
 def _around_the_circle(count: int) -> Float64:

@@ -211,7 +211,7 @@ def confusion_of(references: ReferencePanoramas, model: ObservationModel, progre
     with threadpool_limits(1, user_api="blas"):
         for row, index in enumerate(chosen):
             votes = model.observe(references.panorama(int(index)))
-            best = votes.votes.max(axis=0)
+            best = votes.best_of_places
             shares[row] = best[places] / max(float(best.max()), 1e-12)
             progress(row + 1, len(chosen), "votes of references")
     return Confusion(chosen, shares)

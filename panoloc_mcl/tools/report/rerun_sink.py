@@ -102,7 +102,7 @@ class RerunSink:
             self._stream.log("camera/best_reference", rr.Image(self._references[estimate.best_place]).compress())
         votes = estimate.vote_field
         if votes is not None:
-            best = votes.votes.max(axis=0)
+            best = votes.best_of_places
             self._stream.log("map/votes", rr.Points3D(self._places, colors=_shades(best), radii=0.4 * self._size))
             in_bytes = np.rint(255.0 * votes.votes / max(float(best.max()), 1e-12)).astype(np.uint8)
             self._stream.log("votes/field", rr.Tensor(in_bytes, dim_names=("heading", "place")))

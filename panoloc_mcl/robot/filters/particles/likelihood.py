@@ -23,10 +23,6 @@ from panoloc_mcl.robot.settings.localizer import MonteCarloSettings
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
-# Cells so many standard deviations below the best add nothing to the mean of a field.
-_DEEPEST = 5.0
-# Votes change little from one degree to the next: so many headings are enough for the mean.
-_HEADINGS = 90
 # Votes that say nothing new still keep their shape.
 _LEAST_NEW = 1e-3
 _TINY = float(np.finfo(np.float64).tiny)
@@ -92,10 +88,7 @@ class Likelihood:
             measured = votes.measurement.pose, votes.measurement.covariance
             if offset is not None:
                 measured = carried(*measured, offset.reversed())
-        deepest = np.float32(votes.peak.votes - _DEEPEST * votes.tolerance / math.sqrt(sharpness))
-        flat = votes.votes[:: max(1, len(votes.headings) // _HEADINGS)].ravel()
-        likely = flat[np.flatnonzero(flat >= deepest)]
-        mean = float(votes.likelihood(likely, sharpness).sum(dtype=np.float64)) / flat.size
+        mean = votes.mean_likelihood(sharpness)
         doubt = max(settings.measured_doubt, votes.doubt)
         # Where an image knows its doubt, that is the least likelihood.
         floor = 0.0 if measured is None and not math.isnan(votes.confidence) else settings.floor

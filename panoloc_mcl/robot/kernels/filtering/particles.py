@@ -91,6 +91,7 @@ def read_field(
     y: Float32,
     turns: UInt32,
     scores: Float32,
+    columns: Int32,
     neighbours: Int32,
     weights: Float32,
     corner_x: float,
@@ -104,8 +105,10 @@ def read_field(
     Parameters
     ----------
     x, y, turns : float32 (n,) twice, uint32 (n,)
-    scores : float32 (h, k)
-        Scores at h equally spaced headings (heading i is 2 pi i / h) and k places.
+    scores : float32 (h, c)
+        Scores at h equally spaced headings (heading i is 2 pi i / h) and c places.
+    columns : int32 (k,)
+        In which column of the scores each of k places is read; empty where all have one of their own, in order.
     neighbours : int32 (cells_y * cells_x, m)
         Places around each cell of a raster over the map.
     weights : float32, same shape
@@ -136,7 +139,7 @@ def read_field(
             rows,
             fractions,
         )
-        look(scores, neighbours, weights, cells, rows, fractions, out[block])
+        look(scores, columns, neighbours, weights, cells, rows, fractions, out[block])
     return out
 
 
@@ -146,6 +149,7 @@ def likelihoods_there(
     y: Float32,
     turns: UInt32,
     scores: Float32,
+    columns: Int32,
     neighbours: Int32,
     weights: Float32,
     corner_x: float,
@@ -177,7 +181,7 @@ def likelihoods_there(
             rows,
             fractions,
         )
-        look(scores, neighbours, weights, cells, rows, fractions, out[block])
+        look(scores, columns, neighbours, weights, cells, rows, fractions, out[block])
         to_likelihoods(out[block], best, tolerance, sharpness, floor)
 
 
@@ -214,11 +218,18 @@ def where_to_look(
 
 @vector_kernel
 def look(
-    scores: Float32, neighbours: Int32, weights: Float32, cells: Int32, rows: UInt32, fractions: Float32, out: Float32
+    scores: Float32,
+    columns: Int32,
+    neighbours: Int32,
+    weights: Float32,
+    cells: Int32,
+    rows: UInt32,
+    fractions: Float32,
+    out: Float32,
 ) -> None:
     """The scores there, into float32 (m,): memory alone. Unsigned indices, or each would be asked whether it counts from the end."""
     n_places, around, end = np.uint64(scores.shape[1]), neighbours.shape[1], np.uint64(scores.size)
-    votes, places, shares = scores.ravel(), neighbours.ravel(), weights.ravel()
+    votes, places, shares, chosen = scores.ravel(), neighbours.ravel(), weights.ravel(), columns.size > 0
     for i in range(out.shape[0]):
         out[i] = _ZERO
         if cells[i] < 0:
@@ -232,6 +243,8 @@ def look(
             j1, j2, j3 = j + np.uint64(1), j + np.uint64(2), j + np.uint64(3)
             p, q = np.uint64(places[j]), np.uint64(places[j1])
             r, t = np.uint64(places[j2]), np.uint64(places[j3])
+            if chosen:
+                p, q, r, t = np.uint64(columns[p]), np.uint64(columns[q]), np.uint64(columns[r]), np.uint64(columns[t])
             before = (shares[j] * votes[first + p] + shares[j1] * votes[first + q]) + (
                 shares[j2] * votes[first + r] + shares[j3] * votes[first + t]
             )
@@ -242,8 +255,10 @@ def look(
             before, after = _ZERO, _ZERO
             for k in range(around):
                 one = j + np.uint64(k)
-                before += shares[one] * votes[first + np.uint64(places[one])]
-                after += shares[one] * votes[second + np.uint64(places[one])]
+                p = np.uint64(places[one])
+                p = np.uint64(columns[p]) if chosen else p
+                before += shares[one] * votes[first + p]
+                after += shares[one] * votes[second + p]
         out[i] = before + fractions[i] * (after - before)
 
 

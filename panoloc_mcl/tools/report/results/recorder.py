@@ -113,7 +113,7 @@ def _best_votes(field: VoteField | None, places: int) -> tuple[NDArray[np.uint8]
     peak = 0.0 if field is None or not field.informative else float(field.votes.max())
     if field is None or peak <= 0.0:
         return np.zeros(places, dtype=np.uint8), np.zeros(HEADINGS, dtype=np.uint8), 0.0
-    return _in_bytes(field.votes.max(axis=0), peak), _in_bytes(_over_headings(field), peak), peak
+    return _in_bytes(field.best_of_places, peak), _in_bytes(_over_headings(field), peak), peak
 
 
 def _over_headings(field: VoteField) -> FloatArray:

@@ -80,7 +80,7 @@ def random_field(rng: np.random.Generator, headings: int, places: int) -> tuple:
     shares = rng.random((cells_x * cells_y, around)).astype(np.float32)
     shares /= shares.sum(axis=1, keepdims=True)
     shares[rng.random(len(shares)) < 0.2] = 0.0
-    return scores, neighbours, shares, -3.0, -2.0, 0.8, cells_x, cells_y
+    return scores, np.zeros(0, dtype=np.int32), neighbours, shares, -3.0, -2.0, 0.8, cells_x, cells_y
 
 
 @pytest.mark.parametrize(("headings", "places"), [(1, 1), (2, 3), (72, 6)])
@@ -92,10 +92,21 @@ def test_reading_the_field_agrees_with_numpy(variant, headings: int, places: int
     poses = (some.poses - [*some.origin, 0.0]).T
     found = variant(particles.read_field)(*some.arrays, scores, *raster)
     # The kernel adds up in float32, and reads between headings to 24 bits.
-    assert np.abs(found - naive.read_field(poses, scores, *raster)).max() < 2e-6
+    assert np.abs(found - naive.read_field(poses, scores, *raster[1:])).max() < 2e-6
     fitted = np.empty_like(found)
     variant(particles.likelihoods_there)(*some.arrays, scores, *raster, 0.8, 0.15, 0.5, 0.01, fitted)
     assert np.array_equal(fitted, variant(weights.likelihoods)(found, 0.8, 0.15, 0.5, 0.01))
+
+
+@pytest.mark.parametrize("places", [3, 40])
+def test_places_are_read_in_their_columns(variant, places: int) -> None:
+    rng = np.random.default_rng(places)
+    some, columns = some_particles(rng, 700), rng.integers(0, 5, places).astype(np.int32)
+    _, _, *raster = random_field(rng, 24, places)
+    scores = rng.random((24, 5)).astype(np.float32)
+    poses = (some.poses - [*some.origin, 0.0]).T
+    found = variant(particles.read_field)(*some.arrays, scores, columns, *raster)
+    assert np.abs(found - naive.read_field(poses, scores[:, columns], *raster)).max() < 2e-6
 
 
 def test_the_field_is_continuous_over_the_seam_of_the_headings(variant) -> None:
