@@ -7,6 +7,7 @@ import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
+from functools import partial
 from pathlib import Path
 from typing import cast
 
@@ -57,6 +58,8 @@ class Condition:
         A row for every group of drives.
     mended : bool
         Whether the map mends the poses of its references.
+    surveyed : bool
+        Whether the errors of the references are drawn, so that all images over one map share one draw.
     """
 
     name: str
@@ -65,6 +68,7 @@ class Condition:
     standing: int = 0
     by_light: bool = False
     mended: bool = True
+    surveyed: bool = False
 
 
 CONDITIONS = (
@@ -78,7 +82,7 @@ CONDITIONS = (
     Condition("standing, tilted by 2°, 200 images", images="lean:1.6,roll_deg=1.2", standing=200),
     Condition("references tilted by 2°", "mount_tilt:mild,degrees=2,where=references"),
     *(
-        Condition(f"references' poses off by {off}, {what}", f"pose_noise:mild,{values}", mended=mended)
+        Condition(f"references' poses off by {off}, {what}", f"pose_noise:mild,{values}", mended=mended, surveyed=True)
         for off, values in (("2 cm, 1°", "xy_m=0.02,theta_deg=1"), ("5 cm, 2°", "xy_m=0.05,theta_deg=2"))
         for what, mended in (("as given", False), ("mended", True))
     ),
@@ -87,6 +91,7 @@ CONDITIONS = (
 
 _HEADS = (
     "condition",
+    "surveys",
     "drives",
     "images",
     "one image: mm, median",
@@ -111,6 +116,7 @@ def study(
     also: Sequence[str] = (),
     most_drives: int | None = None,
     cells: Path | None = None,
+    surveys: int = 4,
 ) -> Report:
     """Hold errors against claims, condition by condition.
 
@@ -131,6 +137,9 @@ def study(
         So many drives at most, evenly over all, where a condition has no row for every light.
     cells : Path, optional
         Folder where each drive of each condition is kept: what is there is not run again.
+    surveys : int
+        So many surveys are drawn where poses of references are off, with seeds of their own from ``seed`` on, and the drives are
+        spread over them: the error of a map's frame is common to all of its images, however many there are.
 
     Raises
     ------
@@ -146,37 +155,31 @@ def study(
         f"Claims of {names}, seed {config.seed}, every {every}. image: error against claimed covariance, of single images "
         "(nothing known) and of the filter where it is sure. NEES: median over that of the chi-squared distribution, 1 is right, more "
         "is too sure; within 2 sd: right are 86.5 % for the position and 95.4 % for the heading. Images of a drive err alike, so the "
-        "drives are what counts."
+        "drives are what counts; where poses of references are drawn, so do all images of a survey, and the surveys are what counts."
     )
     table = report.table("", _HEADS)
+    by_survey = report.table("By survey", _HEADS) if any(condition.surveyed for condition in chosen) else None
     work = [(condition, *sets[0]) for condition in chosen]
     work += [(condition, *others) for others in sets[1:] for condition in chosen if condition.by_light]
-    # Which drives are asked for does not change what one of them gives.
-    settings = config.model_dump_json(include={"observation", "localizer", "map", "seed"})
-    maps: dict[tuple[str, str, bool], tuple[PanoramaMap, ObservationModel]] = {}
+    maps = _Maps(progress)
     with threadpool_limits(1):
         for done, (condition, dataset, drives) in enumerate(work):
-            key = dataset.name, condition.references, condition.mended
-
-            def the_map(
-                key: tuple[str, str, bool] = key, dataset: Dataset = dataset, condition: Condition = condition
-            ) -> tuple[PanoramaMap, ObservationModel]:
-                if key not in maps:
-                    # One at a time: maps are large.
-                    maps.clear()
-                    maps[key] = _map(config, dataset, condition, progress)
-                return maps[key]
-
             of_rows: dict[str, Claims] = {}
-            for drive in drives if condition.by_light else _spread(drives, most_drives):
-                description = (condition, dataset.path, drive.name, every, settings)
-
-                def claimed(drive: Drive = drive, condition: Condition = condition, the_map: _TheMap = the_map) -> Claims:
-                    return _claims(condition, config, drive, *the_map())
-
-                of_rows.setdefault(_row(condition, dataset, drive), Claims()).add(kept(cells, description, claimed))
+            of_surveys: dict[int, Claims] = {}
+            some = drives if condition.by_light else _spread(drives, most_drives)
+            for survey, drive in _shared_out(some, surveys if condition.surveyed else 1):
+                drawn = config.model_copy(update={"seed": config.seed + survey})
+                # Which drives are asked for does not change what one of them gives.
+                settings = drawn.model_dump_json(include={"observation", "localizer", "map", "seed"})
+                compute = partial(_claims, condition, drawn, drive, partial(maps.of, drawn, dataset, condition))
+                claims = kept(cells, (condition, dataset.path, drive.name, every, settings), compute)
+                of_rows.setdefault(_row(condition, dataset, drive), Claims()).add(claims)
+                of_surveys.setdefault(survey, Claims()).add(claims)
             for name, claims in of_rows.items():
-                table.add(name, *claims.cells())
+                table.add(name, len(of_surveys) if condition.surveyed else None, *claims.cells())
+            if condition.surveyed and by_survey is not None:
+                for survey, claims in of_surveys.items():
+                    by_survey.add(f"{condition.name}, seed {config.seed + survey}", 1, *claims.cells())
             keep(report)
             progress(done + 1, len(work), "conditions")
     return report
@@ -198,8 +201,31 @@ def _spread(drives: Sequence[Drive], most: int | None) -> list[Drive]:
     return [drives[round(index)] for index in np.linspace(0, len(drives) - 1, most)]
 
 
+def _shared_out(drives: Sequence[Drive], surveys: int) -> list[tuple[int, Drive]]:
+    """Surveys and the drives that are localized in the maps of each, survey by survey: every survey and every drive at least once."""
+    count = max(surveys, len(drives))
+    return sorted(((turn % surveys, drives[turn % len(drives)]) for turn in range(count)), key=lambda pair: pair[0])
+
+
 def _row(condition: Condition, dataset: Dataset, drive: Drive) -> str:
     return f"{dataset.name}, {condition.name}, {group_of(drive.name)}" if condition.by_light else condition.name
+
+
+class _Maps:
+    """Maps of references that are as good as conditions say: one at a time, as they are large."""
+
+    def __init__(self, progress: Progress) -> None:
+        self._progress = progress
+        self._key: tuple[object, ...] = ()
+        self._last: tuple[PanoramaMap, ObservationModel] | None = None
+
+    def of(self, config: RunConfig, dataset: Dataset, condition: Condition) -> tuple[PanoramaMap, ObservationModel]:
+        """The last one, if it is asked for again."""
+        key = dataset.name, condition.references, condition.mended, config.seed
+        if self._last is None or key != self._key:
+            self._last = None
+            self._key, self._last = key, _map(config, dataset, condition, self._progress)
+        return self._last
 
 
 def _map(config: RunConfig, dataset: Dataset, condition: Condition, progress: Progress) -> tuple[PanoramaMap, ObservationModel]:
@@ -218,10 +244,9 @@ def _map(config: RunConfig, dataset: Dataset, condition: Condition, progress: Pr
     return panorama_map, panorama_map.observation_model(config.observation)
 
 
-def _claims(
-    condition: Condition, config: RunConfig, drive: Drive, panorama_map: PanoramaMap, model: ObservationModel
-) -> Claims:
+def _claims(condition: Condition, config: RunConfig, drive: Drive, the_map: _TheMap) -> Claims:
     """Of one drive."""
+    panorama_map, model = the_map()
     claims = Claims()
     # A single image is looked for all over the map, whatever is known.
     searching = config.model_copy(update={"localizer": config.localizer.model_copy(update={"tracking": False})})

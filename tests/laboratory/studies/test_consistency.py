@@ -27,18 +27,33 @@ def test_rows_count_drives_and_images_and_hold_errors_against_claims(room, monke
         Condition("as it is", by_light=True),
         Condition("standing", standing=5),
         Condition("tilted", images="lean:1.0"),
-        Condition("poses off", "pose_noise:mild,xy_m=0.05,theta_deg=1", mended=False),
+        Condition("poses off", "pose_noise:mild,xy_m=0.05,theta_deg=1", mended=False, surveyed=True),
     )
     monkeypatch.setattr(consistency, "CONDITIONS", conditions)
     kept: list[Any] = []
-    report = study(RunConfig(dataset=str(room)), keep=kept.append)
-    (table,) = report.data()["tables"]
+    report = study(RunConfig(dataset=str(room)), keep=kept.append, surveys=2)
+    table, by_survey = report.data()["tables"]
     rows = {row["condition"]: row for row in table["rows"]}
     assert {"standing", "tilted", "poses off"} < set(rows)
     assert len(kept) == len(conditions)
     assert rows["standing"]["images"] == 16 * 5 * rows["standing"]["drives"]
+    assert (rows["poses off"]["surveys"], rows["tilted"]["surveys"]) == (2, None)
+    # Other errors were drawn for each survey, and the row has the images of all.
+    first, second = by_survey["rows"]
+    assert first["one image: mm, median"] != second["one image: mm, median"]
+    assert first["images"] + second["images"] == rows["poses off"]["images"]
     for row in rows.values():
         assert row["images"] >= row["drives"] >= 1
+
+
+@pytest.mark.parametrize(("drives", "surveys"), [(4, 4), (12, 4), (4, 8), (4, 6), (4, 1)])
+def test_drives_are_spread_over_surveys(drives: int, surveys: int) -> None:
+    names: Any = [f"noon_{number:02d}" for number in range(drives)]
+    pairs = consistency._shared_out(names, surveys)
+    assert len(set(pairs)) == len(pairs) == max(drives, surveys)
+    assert {survey for survey, _ in pairs} == set(range(surveys))
+    assert {drive for _, drive in pairs} == set(names)
+    assert [survey for survey, _ in pairs] == sorted(survey for survey, _ in pairs)
 
 
 def test_claims_that_were_kept_are_not_computed_again(tmp_path) -> None:
@@ -70,5 +85,5 @@ def test_an_interrupted_study_goes_on(room, monkeypatch, tmp_path) -> None:
     )
     config = RunConfig(dataset=str(room))
     whole = study(config, cells=tmp_path, also=[str(room)])
-    monkeypatch.setattr(consistency, "_claims", None)
+    monkeypatch.setattr(consistency, "_map", None)
     assert study(config, cells=tmp_path, also=[str(room)]).data() == whole.data()

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """``--dataset``, ``--every``, ``--set``, ``--rows``, ``--also``, ``--drives``, ``--seed``."""
+    """``--dataset``, ``--every``, ``--set``, ``--rows``, ``--also``, ``--drives``, ``--surveys``, ``--seed``."""
     add_data_options(parser)
     parser.add_argument("--rows", nargs="+", default=["*"], metavar="NAME", help="conditions, or patterns of their names")
     parser.add_argument("--also", nargs="+", default=[], metavar="DATASET", help="other data sets, taken as they are")
@@ -22,6 +22,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=at_least(1),
         metavar="N",
         help="so many drives at most, evenly over all, where lights have no rows of their own",
+    )
+    parser.add_argument(
+        "--surveys",
+        type=at_least(1),
+        default=4,
+        metavar="N",
+        help="so many surveys are drawn where poses of references are off, with the drives spread over them (default: 4)",
     )
     parser.add_argument(
         "--seed", type=at_least(0), default=0, metavar="N", help="of the map, of what is disturbed, and of the filter"
@@ -36,9 +43,8 @@ def execute(args: argparse.Namespace) -> Report:
     # What was interrupted goes on.
     cells = None if args.out is None else Path(args.out) / "cells"
     with monitor() as watching:
-        return study(
-            config_of(args, seed=args.seed), args.every, args.rows, watching.progress, args.keep, args.also, args.drives, cells
-        )
+        asked = args.every, args.rows, watching.progress, args.keep, args.also, args.drives, cells, args.surveys
+        return study(config_of(args, seed=args.seed), *asked)
 
 
 COMMAND = Reporting("consistency", "whether claimed covariances hold, condition by condition", add_arguments, execute)
