@@ -12,7 +12,7 @@ import tempfile
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -218,3 +218,44 @@ def _check_part(parts: zipfile.ZipFile, part: zipfile.ZipInfo, size: int) -> Non
         needed = math.prod(shape) * dtype.itemsize
         if dtype.hasobject or needed != part.file_size - stream.tell():
             raise ValueError(f"part {part.filename} says it holds {needed} bytes, and holds {part.file_size - stream.tell()}")
+
+
+class Parts:
+    """What a long build has worked out, in a folder beside its output: a build that was killed goes on there.
+
+    Parameters
+    ----------
+    folder : Path, optional
+        None: nothing is kept.
+    key : str
+        Names what the parts were made of; those of anything else are made anew.
+    """
+
+    def __init__(self, folder: Path | None = None, key: str = "") -> None:
+        self._folder, self._key = folder, key
+
+    def each(
+        self, name: str, count: int, size: int, make: Callable[[slice], dict[str, NDArray[Any]]]
+    ) -> Iterator[tuple[slice, Mapping[str, NDArray[Any]]]]:
+        """So many results in blocks of a size: where each block lies, and its arrays, which ``make`` makes where none are kept.
+
+        Raises
+        ------
+        OutputError
+            A part cannot be written.
+        """
+        for first in range(0, count, size):
+            block = slice(first, min(first + size, count))
+            yield block, self._of(f"{name}-{block.start}-{block.stop}", block, make)
+
+    def _of(self, name: str, block: slice, make: Callable[[slice], dict[str, NDArray[Any]]]) -> Mapping[str, NDArray[Any]]:
+        if self._folder is None:
+            return make(block)
+        path = self._folder / f"{name}.npz"
+        with suppress(ValueError, OSError):
+            header, arrays = read_arrays(path)
+            if header == {"key": self._key}:
+                return arrays
+        made = make(block)
+        write_arrays(path, {"key": self._key}, made)
+        return made

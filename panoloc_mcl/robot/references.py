@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, Protocol
@@ -99,6 +100,8 @@ class References:
         return len(self.files)
 
 
+# What is made of references is another thing in another version.
+_DIGEST = "panoloc-references/1"
 # Panoramas that would be turned by less, in columns, stay as they are.
 _SAME_COLUMNS = 1e-3
 
@@ -151,12 +154,21 @@ class ReferencePanoramas:
     def __len__(self) -> int:
         return len(self.pixels)
 
+    def digest(self, further: str) -> str:
+        """Names their content, what is known of them, and whatever further text: equal ones have equal ones."""
+        digest = hashlib.sha256(f"{_DIGEST} {self.geometry} {self.camera_height_m} {self.tall} {further}".encode())
+        for array in (self.pixels, self.positions, self.valid, self.sds):
+            digest.update(b"" if array is None else np.ascontiguousarray(array).data)
+        return digest.hexdigest()
+
     def panorama(self, index: int) -> Panorama:
         """One reference as a panorama."""
         return Panorama(self.pixels[index].astype(np.float32), None if self.valid is None else self.valid[index])
 
     def of(self, indices: NDArray[np.int64]) -> ReferencePanoramas:
-        """Some of the references."""
+        """Some of the references; all in their order are not copied."""
+        if len(indices) == len(self) and np.array_equal(indices, np.arange(len(self))):
+            return self
         return replace(
             self,
             pixels=self.pixels[indices],

@@ -72,6 +72,13 @@ def _options_of_live(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--megabytes", type=at_least(1), default=1000, metavar="MB", help="of the recording that is read")
 
 
+def _options_of_places(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--rooms", type=at_least(1), nargs="+", default=(1, 10, 100), metavar="N", help="of a thousand places each"
+    )
+    parser.add_argument("--images", type=at_least(1), default=1000, metavar="N", help="by which recall is measured")
+
+
 def _eights(text: str) -> int:
     if int(text) < 8 or int(text) % 8:
         raise argparse.ArgumentTypeError(f"{text}: must be a multiple of 8")
@@ -124,6 +131,12 @@ def _costs(args: argparse.Namespace) -> Report:
     from panoloc_mcl.laboratory.benchmarks.maps import costs
 
     return costs(args.dataset, None if args.out is None else Path(args.out))
+
+
+def _places(args: argparse.Namespace) -> Report:
+    from panoloc_mcl.laboratory.benchmarks.campus.places import places
+
+    return places(args.rooms, args.images, None if args.out is None else Path(args.out))
 
 
 def _pictures(args: argparse.Namespace) -> Report:
@@ -185,6 +198,7 @@ BENCHMARKS = (
     Reporting("building", "building a map", _options_of_building, partial(_on_one_thread, _building)),
     Reporting("maps", "mending a map against building it; a map of drives", _options_of_mapping, _mapping),
     Reporting("costs", "an image against the number of places and headings", _options, partial(_on_one_thread, _costs)),
+    Reporting("places", "an image on maps of up to 100,000 places", _options_of_places, partial(_on_one_thread, _places)),
     Reporting("pictures", "writing the report against its run, and its memory", _options_of_pictures, _pictures),
     Reporting("workers", "a comparison on local workers against one process", _options_of_workers, _workers),
     Reporting("live", "a robot in real time: latency, memory, poses between images, a long recording", _options_of_live, _live),

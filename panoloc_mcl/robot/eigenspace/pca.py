@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -13,12 +13,15 @@ from numpy.typing import NDArray
 from scipy.linalg import blas
 
 from panoloc_mcl.robot.errors import MapError
+from panoloc_mcl.robot.files import Parts
 from panoloc_mcl.robot.progress import Progress, no_progress
 
 _BASIS_IMAGES = 300
 _BLOCK_PIXELS = 4096
 # Images projected at once: the eigenimages are read from memory once for all of them.
 _PROJECTED_AT_ONCE = 16
+_NOTHING: Mapping[str, NDArray[Any]] = {}
+_NOTHING_KEPT, _KEPT_TOGETHER = Parts(), 1024
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +100,8 @@ def eigenspace_of(
     key: str,
     progress: Progress = no_progress,
     threads: int = 1,
+    parts: Parts = _NOTHING_KEPT,
+    beside: Mapping[str, NDArray[Any]] = _NOTHING,
 ) -> Eigenspace:
     """Eigenspace of many images that are made one by one and never held all at once.
 
@@ -116,6 +121,10 @@ def eigenspace_of(
     progress : callable (done, total, what)
     threads : int
         Images that are made at once; the result does not depend on it.
+    parts : Parts
+        Where what is done is kept.
+    beside : mapping of str to ndarray (n, ...)
+        Arrays whose row ``image`` writes, too: they are kept with the coefficients.
 
     Raises
     ------
@@ -139,13 +148,21 @@ def eigenspace_of(
         coefficients[chosen] = inner.coefficients
         del basis
         projector = inner.eigenimages.conj().T
-        waiting: list[NDArray[Any]] = []
-        for done, made in enumerate(_in_order(pool, image, others, threads), start=1):
-            waiting.append(made)
-            if len(waiting) == _PROJECTED_AT_ONCE or done == len(others):
-                coefficients[others[done - len(waiting) : done]] = np.stack(waiting) @ projector
-                waiting.clear()
-            progress(len(chosen) + done, count, "views")
+
+        def project(block: slice) -> dict[str, NDArray[Any]]:
+            waiting: list[NDArray[Any]] = []
+            for done, made in enumerate(_in_order(pool, image, others[block], threads), start=block.start + 1):
+                waiting.append(made)
+                if len(waiting) == _PROJECTED_AT_ONCE or done == block.stop:
+                    coefficients[others[done - len(waiting) : done]] = np.stack(waiting) @ projector
+                    waiting.clear()
+                progress(len(chosen) + done, count, "views")
+            return {name: array[others[block]] for name, array in kept.items()}
+
+        kept = {"coefficients": coefficients, **beside}
+        for block, found in parts.each("views", len(others), _KEPT_TOGETHER, project):
+            for name, array in kept.items():
+                array[others[block]] = found[name]
     return Eigenspace(inner.eigenimages, coefficients, inner.kept)
 
 

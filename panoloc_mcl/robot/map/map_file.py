@@ -8,6 +8,7 @@ but pickled objects or arrays of text.)
 from __future__ import annotations
 
 import json
+import mmap
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,12 @@ from panoloc_mcl.robot.errors import MapError
 from panoloc_mcl.robot.files import known_errors, write_atomically
 
 FORMAT = "panoloc-map/1"
+# A larger file is not read but mapped: what is never looked at, such as references of other buildings, takes no memory.
+_MAPPED_FROM = 200_000_000
+_KINDS = {
+    **{"F64": np.float64, "F32": np.float32, "F16": np.float16, "C64": np.complex64},
+    **{"I64": np.int64, "I32": np.int32, "U8": np.uint8, "BOOL": np.bool_},
+}
 
 Tensors = dict[str, NDArray[Any]]
 
@@ -55,9 +62,26 @@ def read(path: Path) -> tuple[dict[str, Any], Tensors]:
     try:
         with safe_open(path, framework="numpy") as container:
             header = _header_of(container.metadata() or {}, path)
+            if path.stat().st_size > _MAPPED_FROM:
+                return header, _mapped(path)
             return header, {name: container.get_tensor(name) for name in container.keys()}  # noqa: SIM118
-    except (SafetensorError, OSError, TypeError) as error:
+    except (SafetensorError, OSError, TypeError, LookupError) as error:
         raise MapError(f"{path}: not a map file, or cut short ({error}); build it again with panoloc build-map") from error
+
+
+def _mapped(path: Path) -> Tensors:
+    """The arrays of a file, in memory as far as they are looked at; what is written to them is this process's own."""
+    with path.open("rb") as file:
+        begin = 8 + int.from_bytes(file.read(8), "little")
+        entries = json.loads(file.read(begin - 8))
+        memory = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY)
+    entries.pop("__metadata__", None)
+    tensors: Tensors = {}
+    for name, entry in entries.items():
+        kind = np.dtype(_KINDS[entry["dtype"]])
+        count = (entry["data_offsets"][1] - entry["data_offsets"][0]) // kind.itemsize
+        tensors[name] = np.frombuffer(memory, kind, count, begin + entry["data_offsets"][0]).reshape(entry["shape"])
+    return tensors
 
 
 def part(tensors: Tensors, name: str) -> Tensors:

@@ -81,6 +81,7 @@ class PanoramaMap:
         seed: int = 0,
         progress: Progress = no_progress,
         settings: MapSettings | None = None,
+        unfinished: Path | None = None,
     ) -> Self:
         """Build a map from the references of a data set.
 
@@ -94,6 +95,8 @@ class PanoramaMap:
         progress : callable (done, total, what)
         settings : MapSettings, optional
             How given poses are mended.
+        unfinished : Path, optional
+            A folder where views that are done are kept, so that a build that was stopped goes on there.
 
         Raises
         ------
@@ -113,7 +116,7 @@ class PanoramaMap:
             source, left_out = explained(source, observation.votes, as_compared, threads)
             mended = mend(source, observation.votes, settings, progress)
         mended = replace(mended, notes=(*turned, *left_out, *mended.notes))
-        return cls.of_keyframes(dataset.name, mended, observation, seed, progress)
+        return cls.of_keyframes(dataset.name, mended, observation, seed, progress, unfinished)
 
     @classmethod
     def of_drives(
@@ -149,12 +152,20 @@ class PanoramaMap:
 
     @classmethod
     def of_keyframes(
-        cls, name: str, mended: Mended, observation: ObservationSettings, seed: int = 0, progress: Progress = no_progress
+        cls,
+        name: str,
+        mended: Mended,
+        observation: ObservationSettings,
+        seed: int = 0,
+        progress: Progress = no_progress,
+        unfinished: Path | None = None,
     ) -> Self:
         """A map of keyframes whose poses are settled."""
         source, references = mended.source, replace(mended.panoramas, sds=mended.keyframes.sds)
+        # Other models are made in no time.
+        kept = {"unfinished": unfinished} if observation.model == "votes" else {}
         with threadpool_limits(1, user_api="blas"):
-            model = model_named(observation.model).build(references, observation.selected, seed, progress)
+            model = model_named(observation.model).build(references, observation.selected, seed, progress, **kept)
         notes = (*mended.notes, *model.notes)
         made = (observation, seed, model.arrays(), mended.keyframes, notes)
         return cls(name, references, source.camera, source.image_size, *made)

@@ -28,6 +28,7 @@ Bool = NDArray[np.bool_]
 _GLANCE_COMPONENTS, _GLANCE_COLUMNS = 32, 5
 # By twice as many, places are ranked: with 32, the true one of 2,595 was among the first 70 in 99 % of the images, with 64 in 13.
 _CODE_COMPONENTS, _LIKENESS_BLOCK = 64, 4096
+_CODES = ("codes", "lengths_of_codes")
 
 
 class OfPlace(NamedTuple):
@@ -83,7 +84,9 @@ class Correlator:
     def arrays(self) -> dict[str, NDArray[Any]]:
         """What a map file keeps: as the kernel takes it, so that map and model share their memory."""
         spectra = {"spectra_real": self.real, "spectra_imaginary": self.imaginary}
-        return {**spectra, "coefficients": self.coefficients, "energy": self.norms.energy, "usable": self.norms.usable}
+        kept = {**spectra, "coefficients": self.coefficients, "energy": self.norms.energy, "usable": self.norms.usable}
+        # Those of a large map are read for every image; its coefficients then need not be in memory.
+        return kept if np.iscomplexobj(self.coefficients) else {**kept, **dict(zip(_CODES, self.codes, strict=True))}
 
     @classmethod
     def of_arrays(cls, arrays: Arrays, columns: int, bandwidth: float) -> Self:
@@ -92,7 +95,10 @@ class Correlator:
         if "spectra" in arrays:
             return cls.of(arrays["spectra"], coefficients, energy, usable, columns, bandwidth)
         norms = OverlapNorms(energy, usable)
-        return cls(arrays["spectra_real"], arrays["spectra_imaginary"], coefficients, norms, columns, bandwidth)
+        made = cls(arrays["spectra_real"], arrays["spectra_imaginary"], coefficients, norms, columns, bandwidth)
+        if _CODES[0] in arrays:
+            made.__dict__["codes"] = tuple(arrays[name] for name in _CODES)
+        return made
 
     def of_places(self, coefficients: Complex64, energy: Float32, usable: Float32) -> Self:
         """The same eigenimages, for other places."""

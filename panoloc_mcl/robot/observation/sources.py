@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.robot.eigenspace.gradients import orientations
 from panoloc_mcl.robot.errors import MapError
+from panoloc_mcl.robot.files import Parts
 from panoloc_mcl.robot.kernels.warping import column_agreement
 from panoloc_mcl.robot.observation.overlap import squared_magnitude
 from panoloc_mcl.robot.observation.places import Places
@@ -29,6 +30,7 @@ _EXPLAINS_HALF = float(np.sqrt(0.5))
 # Kept references around each one that it is compared with, the nearest first.
 _COMPARED = 6
 _KEPT_FEATURES = 64
+_NOTHING_KEPT = Parts()
 
 
 def check_texture(references: ReferencePanoramas, settings: VotesSettings) -> None:
@@ -50,7 +52,11 @@ def check_texture(references: ReferencePanoramas, settings: VotesSettings) -> No
 
 
 def sources_of(
-    references: ReferencePanoramas, settings: VotesSettings, progress: Progress = no_progress, threads: int = 1
+    references: ReferencePanoramas,
+    settings: VotesSettings,
+    progress: Progress = no_progress,
+    threads: int = 1,
+    parts: Parts = _NOTHING_KEPT,
 ) -> tuple[NDArray[np.int64], ViewSynthesizer | None, tuple[str, ...]]:
     """References that a map is made from, and what synthesises views from them.
 
@@ -61,6 +67,8 @@ def sources_of(
     progress : callable (done, total, what)
     threads : int
         References that are worked on at once; the result does not depend on it.
+    parts : Parts
+        Where what is done is kept.
 
     Returns
     -------
@@ -72,12 +80,12 @@ def sources_of(
         What the user should know.
     """
     used = informative(references, settings) if settings.thinning else np.arange(len(references))
-    synthesizer, trusted, notes = _synthesizer(references.of(used), settings, progress, threads)
+    synthesizer, trusted, notes = _synthesizer(references.of(used), settings, progress, threads, parts)
     return used[trusted], synthesizer, notes
 
 
 def _synthesizer(
-    references: ReferencePanoramas, settings: VotesSettings, progress: Progress, threads: int
+    references: ReferencePanoramas, settings: VotesSettings, progress: Progress, threads: int, parts: Parts
 ) -> tuple[ViewSynthesizer | None, NDArray[np.int64], tuple[str, ...]]:
     """What synthesises views, from which references, and what is to be said; None where views cannot be made."""
     everyone = np.arange(len(references))
@@ -89,11 +97,11 @@ def _synthesizer(
         return None, everyone, (note,)
     if len(np.unique(references.positions, axis=0)) < 2:
         return None, everyone, ("no virtual places: a single reference has no neighbours to see depth with",)
-    profiles = sweep_profiles(references, height, settings, progress, threads)
+    profiles = sweep_profiles(references, height, settings, progress, threads, parts=parts)
     # As the map file keeps them, so that a map that was loaded gives the same votes to the last bit.
     profiles = profiles.astype(np.float32).astype(np.float64)
     every = ViewSynthesizer(references, profiles, height)
-    check = check_poses(every, usual_spacing(references.positions), settings, progress, threads)
+    check = check_poses(every, usual_spacing(references.positions), settings, progress, threads, parts)
     notes = check.notes(references.names)
     if not check.helps:
         return None, everyone, notes

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
@@ -19,6 +20,7 @@ from scipy.spatial import cKDTree
 from panoloc_mcl.robot.camera import Panorama
 from panoloc_mcl.robot.eigenspace.gradients import check_filter_size, orientations, useless
 from panoloc_mcl.robot.eigenspace.pca import eigenspace_of
+from panoloc_mcl.robot.files import Parts
 from panoloc_mcl.robot.observation.base import Arrays
 from panoloc_mcl.robot.observation.calibration import DIM, Calibration, calibrate
 from panoloc_mcl.robot.observation.correlator import Correlator, OfPlace, frequencies_kept, in_half
@@ -78,6 +80,11 @@ class VotesModel:
         References that the model is made from: those that tell something new and are not doubted. All, by default.
     retrieved : int, optional
         Of a large map, how many places are voted on; None: all.
+
+    Attributes
+    ----------
+    retrieval : Retrieval or None
+        What chooses these.
     """
 
     name = "votes"
@@ -103,7 +110,7 @@ class VotesModel:
         self.calibration = calibration
         self._used = used
         self._correlator = correlator
-        self._retrieval = None if retrieved is None else Retrieval(correlator, places, retrieved)
+        self.retrieval = None if retrieved is None else Retrieval(correlator, places, retrieved)
         self._shape = correlator.real.shape[1], correlator.columns
         self._headings = _around_the_circle(correlator.columns)
         self._synthesizer = synthesizer
@@ -112,9 +119,16 @@ class VotesModel:
 
     @classmethod
     def build(
-        cls, references: ReferencePanoramas, settings: VotesSettings, seed: int = 0, progress: Progress = no_progress
+        cls,
+        references: ReferencePanoramas,
+        settings: VotesSettings,
+        seed: int = 0,
+        progress: Progress = no_progress,
+        unfinished: Path | None = None,
     ) -> Self:
         """Compute depths, virtual places and the eigenspace of all their views.
+
+        ``unfinished`` is a folder where what is done is kept, so that a build that was killed goes on.
 
         Raises
         ------
@@ -125,7 +139,8 @@ class VotesModel:
         check_texture(references, settings)
         references = references_at(references, resolution_of(references, settings, _threads(settings)))
         everywhere = references.positions
-        used, synthesizer, notes = sources_of(references, settings, progress, _threads(settings))
+        parts = Parts(unfinished, "" if unfinished is None else references.digest(settings.model_dump_json()))
+        used, synthesizer, notes = sources_of(references, settings, progress, _threads(settings), parts)
         references = references.of(used)
         places = places_between(references, everywhere, settings, synthesizer)
         rows, columns = references.geometry.shape
@@ -149,6 +164,8 @@ class VotesModel:
             "observation.votes.components",
             progress,
             _threads(settings),
+            parts,
+            {"energy": energy, "usable": usable},
         )
         # The norm of a place is that of its coefficients (eq. 4): what the eigenimages do not hold must not count against it.
         held = np.sum(np.abs(eigenspace.coefficients) ** 2, axis=1)
@@ -169,10 +186,8 @@ class VotesModel:
             retrieved=len(places) if large else None,
         )
         most, threads = settings.calibration_references, _threads(settings)
-        if model._retrieval is not None:
-            model._retrieval = replace(
-                model._retrieval, count=learned_count(model.held_out, references, most, progress, threads)
-            )
+        if model.retrieval is not None:
+            model.retrieval = replace(model.retrieval, count=learned_count(model.held_out, references, most, progress, threads))
         between = synthesizer is not None
         model.calibration = calibrate(model.held_out, references, most, progress, threads, settings.wrong_share, between)
         if synthesizer is not None:
@@ -216,8 +231,8 @@ class VotesModel:
             kept["source_errors"] = self._synthesizer.errors.array()
         if self.calibration is not None:
             kept["calibration"] = self.calibration.array()
-        if self._retrieval is not None:
-            kept["retrieved"] = np.array([self._retrieval.count])
+        if self.retrieval is not None:
+            kept["retrieved"] = np.array([self.retrieval.count])
         return kept
 
     def observe(self, panorama: Panorama, headings: NDArray[np.float64] | None = None) -> VoteField:
@@ -250,19 +265,19 @@ class VotesModel:
 
     def rank(self, panorama: Panorama, position: Float64) -> int | None:
         """Of the place nearest to a position (2,), as retrieval ranks places for an image; None where no votes would find it."""
-        assert self._retrieval is not None
+        assert self.retrieval is not None
         z, mask = orientations(at_resolution(panorama, self._shape), self.settings)
-        return self._retrieval.rank(z, mask, self.settings.vote_width, int(self.places.nearest(position[None])[0]))
+        return self.retrieval.rank(z, mask, self.settings.vote_width, int(self.places.nearest(position[None])[0]))
 
     def _votes(self, z: Complex64, mask: NDArray[np.bool_]) -> tuple[Float32, Asked | None]:
         """Of every heading and place, or of those that are retrieved."""
-        if self._retrieval is None:
+        if self.retrieval is None:
             return self._correlator.votes(z, mask, self.settings.vote_width), None
-        return self._retrieval.votes(z, mask, self.settings.vote_width)
+        return self.retrieval.votes(z, mask, self.settings.vote_width)
 
     def _followed(self, refiner: PoseRefiner, z: Complex64, mask: NDArray[np.bool_], expected: Expected) -> VoteField | None:
         """The votes at a glance, with the pose measured from the expected one; None where either points elsewhere."""
-        asked = None if self._retrieval is None else self._retrieval.near(expected.pose[:2])
+        asked = None if self.retrieval is None else self.retrieval.near(expected.pose[:2])
         votes = self._correlator.glance(z, self.settings.vote_width, None if asked is None else asked.places)
         field = VoteField(votes, _around_the_circle(len(votes)), self.places, self._tolerance_of(votes), asked=asked)
         if not expected.fits(field):
@@ -340,7 +355,7 @@ class VotesModel:
 
     def _with(self, places: Places, correlator: Correlator, synthesizer: ViewSynthesizer | None) -> VotesModel:
         """A model with the same eigenimages."""
-        retrieved = None if self._retrieval is None else self._retrieval.count
+        retrieved = None if self.retrieval is None else self.retrieval.count
         return VotesModel(places, self.settings, correlator, self.kept, synthesizer, self.notes, retrieved=retrieved)
 
 

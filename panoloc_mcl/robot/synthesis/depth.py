@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 
 from panoloc_mcl.robot.camera import PanoramaGeometry
 from panoloc_mcl.robot.eigenspace.gradients import orientations
+from panoloc_mcl.robot.files import Parts
 from panoloc_mcl.robot.kernels.warping import column_agreement
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.references import ReferencePanoramas
@@ -34,6 +35,7 @@ _NEAREST_WALL_M, _FARTHEST_WALL_M = 0.3, 18.0
 _SMOOTHING_DEG = 9.0
 # The second time around, in steps of the first: halves the errors of relative poses on rendered references 1 m apart.
 _CLOSER = (-0.6, -0.3, 0.0, 0.3, 0.6)
+_NOTHING_KEPT, _KEPT_TOGETHER = Parts(), 64
 # Of the rows that a usual column shows; columns of a mask that show fewer have no depth of their own.
 _LEAST_SEEN_OF_COLUMN = 0.25
 
@@ -45,6 +47,7 @@ def sweep_profiles(
     progress: Progress = no_progress,
     threads: int = 1,
     neighbours: Sequence[Sequence[int]] | None = None,
+    parts: Parts = _NOTHING_KEPT,
 ) -> Float64:
     """Distance of the wall in every column of every reference.
 
@@ -60,6 +63,8 @@ def sweep_profiles(
         References that are worked on at once; the result does not depend on it.
     neighbours : sequence of sequence of int, optional
         Of every reference, those that its depth is judged by; the nearest if left out.
+    parts : Parts
+        Where what is done is kept.
 
     Returns
     -------
@@ -83,9 +88,15 @@ def sweep_profiles(
 
     profiles = np.empty((count, columns))
     with ThreadPoolExecutor(max_workers=threads) as pool:
-        for index, profile in enumerate(pool.map(profile_of, range(count))):
-            profiles[index] = profile
-            progress(index + 1, count, "depth of references")
+
+        def profiles_of(block: slice) -> dict[str, Float64]:
+            for index, profile in enumerate(pool.map(profile_of, range(block.start, block.stop)), start=block.start):
+                profiles[index] = profile
+                progress(index + 1, count, "depth of references")
+            return {"profiles": profiles[block]}
+
+        for block, found in parts.each("depths", count, _KEPT_TOGETHER, profiles_of):
+            profiles[block] = found["profiles"]
     return profiles
 
 

@@ -21,6 +21,7 @@ from scipy import fft
 from scipy.spatial import cKDTree
 
 from panoloc_mcl.robot.eigenspace.gradients import orientations
+from panoloc_mcl.robot.files import Parts
 from panoloc_mcl.robot.geometry import wrap_angle
 from panoloc_mcl.robot.kernels.warping import column_agreement
 from panoloc_mcl.robot.progress import Progress, no_progress
@@ -51,6 +52,7 @@ _SEARCH_IN_SPACINGS = 1.4
 _RIVAL_IN_SPACINGS = 2.0
 _SAME_POSE_M, _SAME_POSE_RAD = 0.25, np.radians(8.0)
 _KEPT_FEATURES = 64
+_NOTHING_KEPT, _KEPT_TOGETHER = Parts(), 64
 _NAMED = 5
 
 
@@ -121,6 +123,7 @@ def check_poses(
     settings: VotesSettings,
     progress: Progress = no_progress,
     threads: int = 1,
+    parts: Parts = _NOTHING_KEPT,
 ) -> PoseCheck:
     """Judge the poses of all references by their neighbours.
 
@@ -134,8 +137,10 @@ def check_poses(
     progress : callable (done, total, what)
     threads : int
         References that are worked on at once; the result does not depend on it.
+    parts : Parts
+        Where what is done is kept.
     """
-    fits = agreements(synthesizer, settings, progress, threads)
+    fits = agreements(synthesizer, settings, progress, threads, parts)
     gain, none = fits.warped - fits.unwarped, np.zeros(len(fits.own), dtype=np.bool_)
     judged = np.isfinite(gain)
     fitting = judged & (fits.own > fits.other)
@@ -159,7 +164,11 @@ def check_poses(
 
 
 def agreements(
-    synthesizer: ViewSynthesizer, settings: VotesSettings, progress: Progress = no_progress, threads: int = 1
+    synthesizer: ViewSynthesizer,
+    settings: VotesSettings,
+    progress: Progress = no_progress,
+    threads: int = 1,
+    parts: Parts = _NOTHING_KEPT,
 ) -> Fits:
     """How every reference fits the neighbour that fits it best, warped to its pose."""
     references = synthesizer.references
@@ -191,9 +200,15 @@ def agreements(
 
     rows = np.empty((count, 4))
     with ThreadPoolExecutor(max_workers=threads) as pool:
-        for index, row in enumerate(pool.map(best, range(count))):
-            rows[index] = row
-            progress(index + 1, count, "poses of references")
+
+        def rows_of(block: slice) -> dict[str, Float64]:
+            for index, row in enumerate(pool.map(best, range(block.start, block.stop)), start=block.start):
+                rows[index] = row
+                progress(index + 1, count, "poses of references")
+            return {"rows": rows[block]}
+
+        for block, found in parts.each("fits", count, _KEPT_TOGETHER, rows_of):
+            rows[block] = found["rows"]
     return Fits(*rows.T)
 
 

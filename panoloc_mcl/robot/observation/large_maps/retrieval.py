@@ -65,9 +65,13 @@ class Retrieval:
     def votes(self, z: Complex64, usable: NDArray[np.bool_], width: float) -> tuple[NDArray[np.float32], Asked]:
         """Votes of an image for every heading and the retrieved places, float32 (columns, c), and which these are."""
         turned = self.correlator.projections(z)
-        likeness = self.correlator.likeness(turned)
-        asked = Asked.among(_best(likeness, self.count), self._spread, len(likeness))
+        asked = self.asked(turned)
         return self.correlator.at(asked.places).votes(z, usable, width, turned), asked
+
+    def asked(self, turned: Complex64) -> Asked:
+        """The places that an image is compared with, from its `Correlator.projections`."""
+        likeness = self.correlator.likeness(turned)
+        return Asked.among(_best(likeness, self.count), self._spread, len(likeness))
 
     def near(self, position: Float64) -> Asked:
         """The places around a position (2,) and some all over the map, so many on all maps: what tracking glances at."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -41,7 +42,7 @@ def execute(args: argparse.Namespace) -> int:
     from panoloc_mcl.tools.runs.map_drives import drives_of
 
     # A build that is stopped goes on from here the next time.
-    unfinished = Path(f"{args.output}.unfinished")
+    unfinished, parts = Path(f"{args.output}.unfinished"), Path(f"{args.output}.parts")
     named = [Override("dataset", args.dataset, args.dataset)]
     config = config_from_mapping({}, "build-map", overrides_of(args, named))
     with monitor() as watching:
@@ -61,11 +62,12 @@ def execute(args: argparse.Namespace) -> int:
                 raise MapError([f"{finding} (or build with --as-written)" for finding in findings])
             for finding in findings:
                 watching.notice(finding)
-            built = PanoramaMap.build(dataset, *made)
+            built = PanoramaMap.build(dataset, *made, unfinished=parts)
         for note in built.notes:
             watching.notice(f"map: {note}")
         built.save(args.output)
         unfinished.unlink(missing_ok=True)
+        shutil.rmtree(parts, ignore_errors=True)
     report(built, args.output, args.json)
     return 0
 

@@ -137,7 +137,7 @@ def test_tracking_looks_at_as_many_places_however_large_the_map(large: PanoramaM
 
 def test_where_nothing_is_synthesised_places_are_retrieved_too(small_limits: None) -> None:
     model = VotesModel.build(random_world(30), VotesSettings(bandwidth=1.0))
-    model._retrieval = retrieval.Retrieval(model._correlator, model.places, 5)
+    model.retrieval = retrieval.Retrieval(model._correlator, model.places, 5)
     for place in (0, 17, 29):
         field = model.observe(panorama(turned(texture(place), 7)))
         assert field.asked is not None
