@@ -35,6 +35,14 @@ def test_a_ceiling_is_left_out_and_walls_are_kept() -> None:
     assert kept.geometry.elevation_of_row(0) == pytest.approx(geometry.elevation_of_row(rows.start))
 
 
+def test_zenith_and_nadir_are_left_out_however_well_they_are_explained() -> None:
+    geometry = PanoramaGeometry(120, 90, -90.0, 90.0)
+    references = BareRoom().references(geometry, POSITIONS)
+    kept = with_rows(references, explained_rows(references, VotesSettings()))
+    assert -60.0 <= kept.geometry.elevation_bottom_deg <= -56.0
+    assert kept.geometry.elevation_top_deg <= 60.0
+
+
 def test_depth_is_told_by_high_rows_where_they_show_the_same_walls() -> None:
     geometry = PanoramaGeometry(120, 70, -60.0, 80.0)
     high = BareRoom().references(geometry, POSITIONS)
