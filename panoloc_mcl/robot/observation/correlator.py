@@ -27,7 +27,7 @@ Bool = NDArray[np.bool_]
 # Of a glance: so many eigenimages, the first, which hold the most; and headings so many columns apart.
 _GLANCE_COMPONENTS, _GLANCE_COLUMNS = 32, 5
 # By twice as many, places are ranked: with 32, the true one of 2,595 was among the first 70 in 99 % of the images, with 64 in 13.
-_CODE_COMPONENTS, _LIKENESS_BLOCK = 64, 4096
+_CODE_COMPONENTS, _HEADINGS, _LIKENESS_BLOCK = 64, 72, 4096
 _CODES = ("codes", "lengths_of_codes")
 
 
@@ -157,7 +157,7 @@ class Correlator:
         return votes
 
     def likeness(self, turned: Complex64) -> Float32:
-        """The cosine at the best of every fifth heading, by few eigenimages, of every place but for one factor: float32 (k,).
+        """The cosine at the best of headings five degrees apart, by few eigenimages, of every place but for a factor: float32 (k,).
 
         Parameters
         ----------
@@ -165,7 +165,7 @@ class Correlator:
             `projections` of the image.
         """
         coefficients, lengths = self.codes
-        some = turned[::_GLANCE_COLUMNS, : coefficients.shape[0] // 2]
+        some = turned[:: max(1, self.columns // _HEADINGS), : coefficients.shape[0] // 2]
         some_real = np.hstack([some.real, some.imag])
         best = np.empty(len(lengths), dtype=np.float32)
         # What is worked out for a block stays in the processor's caches.

@@ -1,9 +1,9 @@
 """Retrieval, then votes: all places are ranked by a short code, and the best of them are voted on with all eigenimages.
 
 The code of a place is its first few coefficients, those of the eigenimages that hold the most, and its rank is that of the cosine at
-the best of every fifth heading. That is one matrix product over all places, which at a hundred thousand of them takes about as long as
-what comes after. An approximate index (faiss, usearch) would have to be asked once for each heading, as a turned image has another
-code, and would be one more library on the robot.
+the best of headings five degrees apart. That is one matrix product over all places, which at a hundred thousand of them takes about as
+long as what comes after. An approximate index (faiss, usearch) would have to be asked once for each heading, as a turned image has
+another code, and would be one more library on the robot.
 """
 
 from __future__ import annotations
