@@ -14,16 +14,15 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
 from scipy.spatial import cKDTree
 
 from panoloc_mcl.robot.camera import Panorama
 from panoloc_mcl.robot.eigenspace.gradients import check_filter_size, orientations, useless
-from panoloc_mcl.robot.eigenspace.pca import eigenspace_of
 from panoloc_mcl.robot.files import Parts
 from panoloc_mcl.robot.observation.base import Arrays
 from panoloc_mcl.robot.observation.calibration import DIM, Calibration, calibrate
-from panoloc_mcl.robot.observation.correlator import Correlator, OfPlace, frequencies_kept, in_half
+from panoloc_mcl.robot.observation.correlator import Correlator, OfPlace
+from panoloc_mcl.robot.observation.eigenviews import correlator_of
 from panoloc_mcl.robot.observation.field import VoteField, at_headings, silent_field, vote_of_cosine
 from panoloc_mcl.robot.observation.large_maps.asked import MOST_DENSE, Asked
 from panoloc_mcl.robot.observation.large_maps.retrieval import Retrieval, learned_count
@@ -51,12 +50,6 @@ Complex64 = NDArray[np.complex64]
 _USUAL_TOLERANCE, _LEAST_TOLERANCE = 0.15, 0.08
 # Confidence that is proof enough where the pose was expected anyhow.
 _SURE = 0.9
-_FEWEST_COMPONENTS, _MOST_COMPONENTS, _PLACES_A_COMPONENT = 60, 200, 8
-
-
-def _default_components(places: int) -> int:
-    """Neighbouring views are alike: so many eigenimages tell so many places apart."""
-    return int(np.clip(places // _PLACES_A_COMPONENT, _FEWEST_COMPONENTS, _MOST_COMPONENTS))
 
 
 class VotesModel:
@@ -143,47 +136,16 @@ class VotesModel:
         used, synthesizer, notes = sources_of(references, settings, progress, _threads(settings), parts)
         references = references.of(used)
         places = places_between(references, everywhere, settings, synthesizer)
-        rows, columns = references.geometry.shape
-        large = len(places) > MOST_DENSE
-        blocks = len(places), *block_usable(np.ones((rows, columns), dtype=np.bool_)).shape
-        energy, usable = (np.empty(blocks, dtype=np.float16 if large else np.float32) for _ in range(2))
-
-        def features(index: int) -> Complex64:
-            if synthesizer is None:
-                z, mask = orientations(references.panorama(index), settings)
-            else:
-                z, mask = synthetic_features(synthesizer, places.positions[index], settings)
-            energy[index], usable[index] = block_energy(z), block_usable(mask)
-            return z.ravel()
-
-        eigenspace = eigenspace_of(
-            features,
-            len(places),
-            settings.components,
-            _default_components(len(places)),
-            "observation.votes.components",
-            progress,
-            _threads(settings),
-            parts,
-            {"energy": energy, "usable": usable},
-        )
-        # The norm of a place is that of its coefficients (eq. 4): what the eigenimages do not hold must not count against it.
-        held = np.sum(np.abs(eigenspace.coefficients) ** 2, axis=1)
-        energy *= (held / np.maximum(energy.sum(axis=(1, 2), dtype=np.float32), 1e-12))[:, None, None]
-        kept = frequencies_kept(columns, settings.bandwidth)
-        spectra = np.empty((len(kept), len(eigenspace.eigenimages), rows), dtype=np.complex64)
-        for index, eigenimage in enumerate(eigenspace.eigenimages):
-            spectra[:, index, :] = fft.fft(eigenimage.reshape(rows, columns), axis=1).conj().T[kept]
-        coefficients = in_half(eigenspace.coefficients) if large else eigenspace.coefficients
+        correlator, kept = correlator_of(references, places, settings, synthesizer, progress, _threads(settings), parts)
         model = cls(
             places,
             settings,
-            Correlator.of(spectra, coefficients, energy, usable, columns, settings.bandwidth),
-            eigenspace.kept,
+            correlator,
+            kept,
             synthesizer,
             notes,
             used=used,
-            retrieved=len(places) if large else None,
+            retrieved=len(places) if len(places) > MOST_DENSE else None,
         )
         most, threads = settings.calibration_references, _threads(settings)
         if model.retrieval is not None:
