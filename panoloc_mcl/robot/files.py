@@ -125,7 +125,7 @@ def write_atomically(path: Path, content: bytes | str) -> None:
         _sync_folder(path.parent)
     except (OSError, ValueError) as error:
         why = error.strerror if isinstance(error, OSError) else str(error)
-        raise OutputError(f"{path}: cannot be written ({why}); check permissions and free space") from error
+        raise _unwritable(path, why) from error
     finally:
         # After Ctrl-C, too.
         if temporary is not None:
@@ -143,6 +143,28 @@ def _sync_folder(folder: Path) -> None:
             os.fsync(handle)
     finally:
         os.close(handle)
+
+
+def check_writable(path: Path) -> None:
+    """Refuse a file that could not be written once the work for it is done; folders above it are made.
+
+    Raises
+    ------
+    OutputError
+        It cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        raise _unwritable(path, error.strerror) from error
+    if path.is_dir():
+        raise _unwritable(path, "is a folder")
+
+
+def _unwritable(path: Path, why: str | None) -> OutputError:
+    return OutputError(f"{path}: cannot be written ({why}); check permissions and free space")
 
 
 def remove_unfinished(folder: Path) -> None:

@@ -10,7 +10,6 @@ from panoloc_mcl.robot.eigenspace.gradients import orientations
 from panoloc_mcl.robot.eigenspace.pca import eigenspace_of
 from panoloc_mcl.robot.files import Parts
 from panoloc_mcl.robot.observation.correlator import Correlator, frequencies_kept, in_half
-from panoloc_mcl.robot.observation.large_maps.asked import MOST_DENSE
 from panoloc_mcl.robot.observation.overlap import block_energy, block_usable
 from panoloc_mcl.robot.observation.places import Places
 from panoloc_mcl.robot.progress import Progress
@@ -36,6 +35,7 @@ def correlator_of(
     progress: Progress,
     threads: int,
     parts: Parts,
+    large: bool = False,
 ) -> tuple[Correlator, float]:
     """The views of all places in their eigenspace, and the share of their energy that its eigenimages hold.
 
@@ -50,6 +50,8 @@ def correlator_of(
     threads : int
     parts : Parts
         Where what is done is kept.
+    large : bool
+        Coefficients and norms in half the room.
 
     Raises
     ------
@@ -57,7 +59,6 @@ def correlator_of(
         More eigenimages asked for than there are.
     """
     rows, columns = references.geometry.shape
-    large = len(places) > MOST_DENSE
     blocks = len(places), *block_usable(np.ones((rows, columns), dtype=np.bool_)).shape
     energy, usable = (np.empty(blocks, dtype=np.float16 if large else np.float32) for _ in range(2))
 

@@ -136,7 +136,8 @@ class VotesModel:
         used, synthesizer, notes = sources_of(references, settings, progress, _threads(settings), parts)
         references = references.of(used)
         places = places_between(references, everywhere, settings, synthesizer)
-        correlator, kept = correlator_of(references, places, settings, synthesizer, progress, _threads(settings), parts)
+        large = len(places) > MOST_DENSE
+        correlator, kept = correlator_of(references, places, settings, synthesizer, progress, _threads(settings), parts, large)
         model = cls(
             places,
             settings,
@@ -145,7 +146,7 @@ class VotesModel:
             synthesizer,
             notes,
             used=used,
-            retrieved=len(places) if len(places) > MOST_DENSE else None,
+            retrieved=len(places) if large else None,
         )
         most, threads = settings.calibration_references, _threads(settings)
         if model.retrieval is not None:

@@ -34,6 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Build and save; print what the map holds, what was moved, and last its path."""
     from panoloc_mcl.robot.errors import MapError
+    from panoloc_mcl.robot.files import check_writable
     from panoloc_mcl.robot.map.panorama_map import PanoramaMap
     from panoloc_mcl.tools.cli.monitor import monitor
     from panoloc_mcl.tools.config import Override, config_from_mapping
@@ -47,6 +48,7 @@ def execute(args: argparse.Namespace) -> int:
     config = config_from_mapping({}, "build-map", overrides_of(args, named))
     with monitor() as watching:
         dataset = read_dataset(resolve_dataset(config.dataset), config.recording)
+        check_writable(Path(args.output))
         made: tuple[Any, Any, Any, Any] = (config.observation, config.seed, watching.progress, config.map)
         if args.drives:
             drives, said = drives_of(dataset, args.drives)
