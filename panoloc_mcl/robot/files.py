@@ -13,6 +13,7 @@ import tokenize
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -269,6 +270,39 @@ class Parts:
         for first in range(0, count, size):
             block = slice(first, min(first + size, count))
             yield block, self._of(f"{name}-{block.start}-{block.stop}", block, make)
+
+    def rows(
+        self, name: str, rows: NDArray[Any], work: Callable[[int], Any], threads: int, size: int, done: Callable[[int], None]
+    ) -> None:
+        """Fill an array row by row, some rows at work at once; blocks of so many rows are kept.
+
+        Parameters
+        ----------
+        name : str
+        rows : array (count, ...)
+            Is written to.
+        work : callable (index) -> row
+        threads : int
+            The result does not depend on it.
+        size : int
+        done : callable (count)
+            Is told of every row that was worked out.
+
+        Raises
+        ------
+        OutputError
+            A part cannot be written.
+        """
+        with ThreadPoolExecutor(max_workers=threads) as pool:
+
+            def block_of(block: slice) -> dict[str, NDArray[Any]]:
+                for index, row in enumerate(pool.map(work, range(block.start, block.stop)), start=block.start):
+                    rows[index] = row
+                    done(index + 1)
+                return {"rows": rows[block]}
+
+            for block, found in self.each(name, len(rows), size, block_of):
+                rows[block] = found["rows"]
 
     def _of(self, name: str, block: slice, make: Callable[[slice], dict[str, NDArray[Any]]]) -> Mapping[str, NDArray[Any]]:
         if self._folder is None:

@@ -8,7 +8,6 @@ A neighbour behind a wall never agrees and has no say.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -87,16 +86,9 @@ def sweep_profiles(
         return _profile(index, around[: settings.virtual_places.neighbours], synthesizer, settings)
 
     profiles = np.empty((count, columns))
-    with ThreadPoolExecutor(max_workers=threads) as pool:
-
-        def profiles_of(block: slice) -> dict[str, Float64]:
-            for index, profile in enumerate(pool.map(profile_of, range(block.start, block.stop)), start=block.start):
-                profiles[index] = profile
-                progress(index + 1, count, "depth of references")
-            return {"profiles": profiles[block]}
-
-        for block, found in parts.each("depths", count, _KEPT_TOGETHER, profiles_of):
-            profiles[block] = found["profiles"]
+    parts.rows(
+        "depths", profiles, profile_of, threads, _KEPT_TOGETHER, lambda done: progress(done, count, "depth of references")
+    )
     return profiles
 
 

@@ -10,7 +10,6 @@ relative to how well the images of this map fit each other, because images of a 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -199,16 +198,7 @@ def agreements(
         return max(found[1:] or found)
 
     rows = np.empty((count, 4))
-    with ThreadPoolExecutor(max_workers=threads) as pool:
-
-        def rows_of(block: slice) -> dict[str, Float64]:
-            for index, row in enumerate(pool.map(best, range(block.start, block.stop)), start=block.start):
-                rows[index] = row
-                progress(index + 1, count, "poses of references")
-            return {"rows": rows[block]}
-
-        for block, found in parts.each("fits", count, _KEPT_TOGETHER, rows_of):
-            rows[block] = found["rows"]
+    parts.rows("fits", rows, best, threads, _KEPT_TOGETHER, lambda done: progress(done, count, "poses of references"))
     return Fits(*rows.T)
 
 
