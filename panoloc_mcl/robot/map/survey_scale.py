@@ -1,7 +1,8 @@
 """Whether images and given poses agree on how long a metre is.
 
 Images tell the length of their baselines by the height of the camera above the floor. If that is described wrongly, all relative poses
-are too long or too short alike, and a pose graph would stretch a good survey to fit them.
+are too long or too short alike, and a pose graph would stretch a good survey to fit them. Dead reckoning errs, too, but hardly in all
+directions alike.
 """
 
 from __future__ import annotations
@@ -37,7 +38,9 @@ class SurveyScale:
     def of(cls, poses: Float64, given: Float64, weights: Float64) -> SurveyScale:
         """From poses (n, 3) that fit the images, and given ones (n, 3) with weights (n,): a similarity, by least squares.
 
-        Given poses are regressed on the others, as their errors are the larger ones: the other way round would shrink the ratio.
+        Given poses are regressed on the others, as their errors are the larger ones: the other way round would shrink the ratio. A
+        survey that drifts has errors that are alike for neighbours, so it looks stretched by more than its scatter explains, in some
+        directions more than in others; by how much these differ tells how well such a survey knows its scale.
         """
         total = float(weights.sum())
         if total < 4.0:
@@ -52,7 +55,7 @@ class SurveyScale:
         left = theirs - own @ turned.T
         variance = float(weights @ (left**2).sum(axis=1)) / (2.0 * total - 4.0)
         shrunk = float(np.hypot(along, across)) / extent
-        return cls(1.0 / shrunk, float(np.sqrt(variance / extent)) / shrunk**2)
+        return cls(1.0 / shrunk, float(np.sqrt(variance / extent + _uneven(own, left, weights))) / shrunk**2)
 
     @property
     def is_off(self) -> bool:
@@ -72,3 +75,20 @@ class SurveyScale:
             f"with {height_m / self.ratio:.3f} they would agree. Poses are mended in the metres that are given; correct the height, or "
             "run panoloc calibrate"
         )
+
+
+def _uneven(own: Float64, left: Float64, weights: Float64) -> float:
+    """Variance of a stretch that differs between directions, without what independent errors explain of it.
+
+    Fits ``left`` (n, 2), what a similarity leaves, as linear in ``own`` (n, 2): a stretch along one axis and as much of a contraction
+    across it, with two unknowns (along the axes and along the diagonals), as scale and turn of the similarity are two.
+    """
+    own, left = (np.sqrt(weights)[:, None] * xy for xy in (own, left))
+    normal = own.T @ own
+    if np.linalg.matrix_rank(normal) < 2:
+        return 0.0
+    inverse = np.linalg.inv(normal)
+    linear = (inverse @ own.T @ left).T
+    variance = float(np.sum((left - own @ linear.T) ** 2)) / (2.0 * float(weights.sum()) - 6.0)
+    squares = float(0.25 * (linear[0, 0] - linear[1, 1]) ** 2 + 0.25 * (linear[0, 1] + linear[1, 0]) ** 2)
+    return 0.5 * max(0.0, squares - 0.5 * variance * float(np.trace(inverse)))

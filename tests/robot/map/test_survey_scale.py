@@ -35,6 +35,22 @@ def test_errors_of_the_survey_are_no_scale() -> None:
     assert not any(found.is_off for found in ratios)
 
 
+@pytest.mark.parametrize("share", [0.01, 0.02, 0.05])
+def test_a_survey_that_drifts_to_one_side_has_no_other_metre(share: float) -> None:
+    # To and fro, row by row: the way from the first to a row grows evenly across the rows, as if the survey were stretched there.
+    rows = np.array([(x if y % 2 == 0 else 6.0 - x, y, 0.0) for y in range(6) for x in range(7)])
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(rows[:, :2], axis=0).T))])
+    for side in np.linspace(-np.pi, np.pi, 24, endpoint=False):
+        survey = rows + share * way[:, None] * [np.cos(side), np.sin(side), 0.0]
+        assert not SurveyScale.of(rows, survey, np.ones(len(rows))).is_off
+
+
+def test_a_wrong_metre_of_a_poor_survey_is_seen() -> None:
+    rng = np.random.default_rng(2)
+    found = [SurveyScale.of(1.1 * GRID, GRID + rng.normal(0.0, 0.02, GRID.shape), np.ones(len(GRID))) for _ in range(100)]
+    assert all(one.is_off for one in found)
+
+
 def test_one_that_is_far_off_does_not_count_without_weight() -> None:
     survey, weights = GRID.copy(), np.ones(len(GRID))
     survey[3, 0] += 20.0
