@@ -25,11 +25,14 @@ def wrap_angle(angle: ArrayLike) -> FloatArray:
     ndarray of float64, same shape
     """
     a = np.asarray(angle, dtype=np.float64)
+    inside = (a >= -np.pi) & (a < np.pi)
+    if inside.all():
+        return a.copy()
     wrapped = np.mod(a + np.pi, 2.0 * np.pi) - np.pi
     # np.mod may round up to the modulus itself, which would give +pi.
     wrapped = np.where(wrapped >= np.pi, -np.pi, wrapped)
     # What lies in the range stays as it is to the last bit, so that standing still is exactly that.
-    return np.where((a >= -np.pi) & (a < np.pi), a, wrapped)
+    return np.where(inside, a, wrapped)
 
 
 def angle_difference(a: ArrayLike, b: ArrayLike) -> FloatArray:
@@ -59,16 +62,15 @@ def compose(a: ArrayLike, b: ArrayLike) -> FloatArray:
     -------
     ndarray of float64, shape (..., 3)
     """
-    a, b = np.broadcast_arrays(np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64))
+    a, b = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
     c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
-    return np.stack(
-        [
-            a[..., 0] + c * b[..., 0] - s * b[..., 1],
-            a[..., 1] + s * b[..., 0] + c * b[..., 1],
-            wrap_angle(a[..., 2] + b[..., 2]),
-        ],
-        axis=-1,
-    )
+    x = a[..., 0] + c * b[..., 0] - s * b[..., 1]
+    # Filled and not stacked, which takes several times as long for a single pose.
+    out = np.empty((*np.shape(x), 3))
+    out[..., 0] = x
+    out[..., 1] = a[..., 1] + s * b[..., 0] + c * b[..., 1]
+    out[..., 2] = wrap_angle(a[..., 2] + b[..., 2])
+    return out
 
 
 def inverse(a: ArrayLike) -> FloatArray:
@@ -83,11 +85,13 @@ def inverse(a: ArrayLike) -> FloatArray:
 
 def between(a: ArrayLike, b: ArrayLike) -> FloatArray:
     """Pose ``b`` as seen from ``a``: ``compose(a, between(a, b))`` is ``b``. Shape (..., 3)."""
-    a, b = np.broadcast_arrays(np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64))
+    a, b = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
     c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
     # Differences first: equal poses give exactly the origin, and coordinates far from it lose nothing.
     dx, dy = b[..., 0] - a[..., 0], b[..., 1] - a[..., 1]
-    return np.stack([c * dx + s * dy, c * dy - s * dx, angle_difference(b[..., 2], a[..., 2])], axis=-1)
+    out = np.empty((*np.shape(dx), 3))
+    out[..., 0], out[..., 1], out[..., 2] = c * dx + s * dy, c * dy - s * dx, angle_difference(b[..., 2], a[..., 2])
+    return out
 
 
 def interpolate(a: ArrayLike, b: ArrayLike, fraction: ArrayLike) -> FloatArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from typing import TYPE_CHECKING
 
 from panoloc_mcl.laboratory.cli.reporting import Reporting, at_least
@@ -12,9 +13,16 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """``--dataset``, ``--updates``, ``--modes``, ``--anew``, ``--seed``."""
+    """``--dataset``, ``--updates``, ``--minutes``, ``--modes``, ``--anew``, ``--seed``."""
     parser.add_argument("--dataset", default="hall", metavar="DATASET", help="a data set with ground truth, or an embedded one")
     parser.add_argument("--updates", type=at_least(1), default=1000, metavar="N", help="images in each mode")
+    parser.add_argument(
+        "--minutes",
+        type=float,
+        default=math.inf,
+        metavar="M",
+        help="stop in each mode after so long, with what was done until then",
+    )
     parser.add_argument(
         "--modes", nargs="+", choices=["monte_carlo", "kalman_orientation"], default=["monte_carlo", "kalman_orientation"]
     )
@@ -32,7 +40,9 @@ def execute(args: argparse.Namespace) -> Report:
     from panoloc_mcl.tools.cli.monitor import monitor
 
     with monitor() as watching:
-        return study(args.dataset, args.updates, args.seed, tuple(args.modes), watching.progress, args.anew)
+        return study(
+            args.dataset, args.updates, args.seed, tuple(args.modes), watching.progress, args.anew, 60.0 * args.minutes
+        )
 
 
 COMMAND = Reporting("soak", "hours of driving with random faults, and what must hold after every image", add_arguments, execute)

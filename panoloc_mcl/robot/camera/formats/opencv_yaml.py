@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import cv2
 
 from panoloc_mcl.robot.errors import CameraError
+
+# OpenCV's parser runs on for ever over a head line that it does not know, so it is given a head of our own.
+_HEAD = re.compile(r"\ufeff?%YAML[: ]1\.\d[ \t]*\r?\n---[ \t]*\r?\n")
 
 
 def parse_opencv(text: str, source: str) -> dict[str, Any]:
@@ -17,9 +21,13 @@ def parse_opencv(text: str, source: str) -> dict[str, Any]:
     CameraError
         Not of this format.
     """
-    start = text if text.startswith("%YAML") else "%YAML:1.0\n---\n" + text
+    body = _HEAD.sub("", text, count=1) if _HEAD.match(text) else text
+    if body.startswith(("%", "\ufeff%")):
+        raise CameraError(
+            f"{source}: is not valid OpenCV YAML (it begins with neither %YAML:1.0 and --- nor a key); export it again"
+        )
     try:
-        storage = cv2.FileStorage(start, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+        storage = cv2.FileStorage("%YAML:1.0\n---\n" + body, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
         root = storage.root()
         return {key: _plain(root.getNode(key)) for key in root.keys()}  # noqa: SIM118
     except (cv2.error, SystemError, ValueError) as error:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -59,21 +60,34 @@ class Prior:
 
     def density(self, poses: Float64) -> Float64:
         """At poses (n, 3): one over square metres and radians, float64 (n,)."""
-        out = np.zeros(len(poses))
-        for cluster in self.clusters:
-            floor = np.diag([_LEAST_M**2, _LEAST_M**2, _LEAST_RAD**2])
-            wider = np.diag([_WIDER_M**2, _WIDER_M**2, _WIDER_RAD**2])
-            out += (1.0 - _WIDER_SHARE) * cluster.mass * gaussian(poses, cluster.pose, cluster.covariance + floor)
-            out += _WIDER_SHARE * cluster.mass * gaussian(poses, cluster.pose, cluster.covariance + wider)
+        out, poses = np.zeros(len(poses)), np.ascontiguousarray(poses)
+        for share, mean, whitening, scale in self._parts:
+            out += share * normal_density(poses, mean, whitening, scale)
         return out
+
+    @cached_property
+    def _parts(self) -> list[tuple[float, Float64, Float64, float]]:
+        """Normal distributions that it is made of: share, mean, and what `_whitened` gives. It is read for every block of particles."""
+        floor = np.diag([_LEAST_M**2, _LEAST_M**2, _LEAST_RAD**2])
+        wider = np.diag([_WIDER_M**2, _WIDER_M**2, _WIDER_RAD**2])
+        return [
+            (share * cluster.mass, cluster.pose, *_whitened(cluster.covariance + more))
+            for cluster in self.clusters
+            for share, more in ((1.0 - _WIDER_SHARE, floor), (_WIDER_SHARE, wider))
+        ]
 
 
 def gaussian(poses: Float64, mean: Float64, covariance: Float64) -> Float64:
     """Density of a normal distribution of poses, (n, 3), one over square metres and radians; headings by the shorter way round."""
+    return normal_density(np.ascontiguousarray(poses), mean, *_whitened(covariance))
+
+
+def _whitened(covariance: Float64) -> tuple[Float64, float]:
+    """What makes errors independent and of variance 1, (3, 3), and the logarithm of the density at the mean."""
     factor = np.linalg.cholesky(covariance)
     # Log of the determinant and not the product: millimetres to the third are small.
     scale = -1.5 * math.log(2.0 * math.pi) - float(np.log(np.diag(factor)).sum())
-    return normal_density(np.ascontiguousarray(poses), mean, np.linalg.inv(factor), scale)
+    return np.linalg.inv(factor), scale
 
 
 def uniform_density(places: Places) -> float:

@@ -42,6 +42,14 @@ def test_nothing_breaks_where_every_image_is_compared_anew(small_room: Dataset) 
 
 
 @pytest.mark.slow
+def test_it_stops_in_time_with_what_was_done(small_room: Dataset) -> None:
+    found = soak(small_room, "kalman_orientation", 10**9, seed=0, seconds=1.0)
+    assert 0 < found.updates < 10**6
+    assert min(found.memory_mb) > 0.0
+    assert found.seconds < 10.0
+
+
+@pytest.mark.slow
 def test_it_is_told_in_tables(small_room: Dataset) -> None:
     text = study(str(small_room.path), updates=20, seed=0, modes=("monte_carlo",)).markdown()
     assert "sure and wrong" in text

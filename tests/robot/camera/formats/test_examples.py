@@ -1,6 +1,8 @@
 """Every format's example file is read, and projects as the tool that wrote it does: its published formula, with the file's numbers."""
 
 import math
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
@@ -150,3 +152,28 @@ def test_a_damaged_file_is_named(tmp_path: Path, text: str, words: list[str]) ->
         read_calibration(tmp_path / "c.yaml")
     (line,) = caught.value.faults
     assert all(word in line for word in ["c.yaml", *words]), line
+
+
+@pytest.mark.parametrize(
+    "head", ["%YAML:1784771\n--\n", "%YAML:17847715128717\n   mv: 190.9\n.0\n--\n", "%YAML:1.0\n", "%", "%YAML:2.0\n---\n"]
+)
+def test_opencv_files_with_a_damaged_head_are_one_line_and_do_not_hang(head: str, tmp_path: Path) -> None:
+    """Some of them keep OpenCV's own parser busy for ever, so a process of its own reads them."""
+    text = (EXAMPLES / "camodocal_kannala_brandt.yaml").read_text().partition("---\n")[2]
+    path = tmp_path / "damaged.yaml"
+    path.write_text(head + text)
+    code = (
+        "import sys\nfrom pathlib import Path\nfrom panoloc_mcl.robot.camera.formats import read_calibration\n"
+        "from panoloc_mcl.robot.errors import CameraError\n"
+        "try:\n    read_calibration(Path(sys.argv[1]))\nexcept CameraError as error:\n    print('refused', len(error.faults))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, timeout=10, check=False)
+    assert done.stdout == "refused 1\n", done.stderr
+
+
+@pytest.mark.parametrize("head", ["%YAML:1.0\n---\n", "%YAML 1.2\n---\n", "%YAML:1.0\r\n---\r\n", ""])
+def test_heads_of_opencv_files_that_people_have(head: str, tmp_path: Path) -> None:
+    original = EXAMPLES / "camodocal_kannala_brandt.yaml"
+    path = tmp_path / "other.yaml"
+    path.write_text(head + original.read_text().partition("---\n")[2], newline="")
+    assert read_calibration(path).mapping() == read_calibration(original).mapping()

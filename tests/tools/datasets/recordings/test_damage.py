@@ -8,7 +8,7 @@ import pytest
 
 from panoloc_mcl.laboratory.layouts.bags import Messages, entries, save_ros2, write_mcap, write_ros1, write_ros2
 from panoloc_mcl.robot.camera import to_mapping
-from panoloc_mcl.robot.errors import DatasetError
+from panoloc_mcl.robot.errors import DatasetError, PanolocError
 from panoloc_mcl.robot.images import read_image
 from panoloc_mcl.robot.settings.validation import dump_yaml
 from panoloc_mcl.tools.cli.main import main
@@ -154,3 +154,31 @@ def test_a_topic_of_a_type_that_cannot_be_read_is_left_out(drive: Sequence, tmp_
     assert drive.odometry is not None
     assert len(found.odometry) == len(drive.odometry)
     assert np.array_equal(read_image(found.files[3]), read_image(drive.files[3]))
+
+
+@pytest.mark.parametrize(
+    ("kind", "line"),
+    [
+        ("sensor_msgs/msg/Image", "uint32 height"),
+        ("sensor_msgs/msg/Image", "uint8[] data"),
+        ("nav_msgs/msg/Odometry", "std_msgs/Header header"),
+    ],
+)
+def test_definitions_of_types_without_a_field_are_no_traceback(kind: str, line: str, drive: Sequence, tmp_path: Path) -> None:
+    """The definition in the bag has another name for a field, as one damaged byte makes it."""
+    file = write_mcap(drive, tmp_path / "walk", compression="none")
+    content, name = file.read_bytes(), line.split()[-1]
+    # The last one: the summary at the end is what types are read from, and no checksum is asked for there.
+    start = content.rfind(kind.encode())
+    at = content.find(line.encode(), start)
+    assert start < at
+    at += len(line) - len(name)
+    file.write_bytes(content[:at] + b"q" * len(name) + content[at + len(name) :])
+    if kind == "nav_msgs/msg/Odometry":
+        found = sequence_of(file, camera=drive.camera)
+        assert found.odometry is None
+        assert np.array_equal(read_image(found.files[0]), read_image(drive.files[0]))
+        return
+    with pytest.raises(PanolocError) as refused:
+        read_image(sequence_of(file, camera=drive.camera).files[0])
+    assert all("\n" not in fault for fault in refused.value.faults)

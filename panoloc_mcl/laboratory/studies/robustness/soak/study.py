@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import resource
 import sys
 import time
@@ -72,6 +73,7 @@ def study(
     modes: tuple[Mode, ...] = ("monte_carlo", "kalman_orientation"),
     progress: Progress = no_progress,
     anew: bool = False,
+    seconds: float = math.inf,
 ) -> Report:
     """Drive to and fro over a data set's sequences with random faults.
 
@@ -86,6 +88,8 @@ def study(
     progress : callable (done, total, what)
     anew : bool
         Compare an image with the map each time that it comes, as a robot does; otherwise its answer is remembered, and tracking is off.
+    seconds : float
+        Stop in each mode after so long, with what was done until then.
     """
     data = read_dataset(resolve_dataset(dataset))
     report = Report(
@@ -108,7 +112,7 @@ def study(
         ),
     )
     kinds = report.table("Faults", ("fault", *modes, *(f"sure and wrong after it, {mode}" for mode in modes)))
-    found = {mode: soak(data, mode, updates, seed, progress, anew) for mode in modes}
+    found = {mode: soak(data, mode, updates, seed, progress, anew, seconds) for mode in modes}
     for mode, one in found.items():
         table.add(
             mode,
@@ -127,7 +131,15 @@ def study(
     return report
 
 
-def soak(data: Dataset, mode: Mode, updates: int, seed: int, progress: Progress = no_progress, anew: bool = False) -> Findings:
+def soak(
+    data: Dataset,
+    mode: Mode,
+    updates: int,
+    seed: int,
+    progress: Progress = no_progress,
+    anew: bool = False,
+    seconds: float = math.inf,
+) -> Findings:
     """One localizer in one mode."""
     config = LocalizerConfig(seed=seed, localizer=LocalizerSettings(mode=mode, initial="known_pose"))
     panorama_map = cached_map(data, config.observation, 0)
@@ -164,12 +176,14 @@ def soak(data: Dataset, mode: Mode, updates: int, seed: int, progress: Progress 
                 found.wrong += 1
                 found.too_long += in_row > MOST_IN_ROW
                 found.wrong_after[last_fault] += 1
-        if number == int(_WARM_UP * updates):
+        found.seconds = time.perf_counter() - begin
+        if not found.memory_mb[0] and (number >= int(_WARM_UP * updates) or found.seconds > _WARM_UP * seconds):
             found.memory_mb = (_memory_mb(), 0.0)
+        if found.seconds > seconds:
+            break
         if number % 50 == 0 or number == updates - 1:
             progress(number + 1, updates, f"soak, {mode}")
     found.memory_mb = (found.memory_mb[0], _memory_mb())
-    found.seconds = time.perf_counter() - begin
     return found
 
 
