@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -112,15 +113,27 @@ class Places:
         x = low[0] + (np.arange(columns) + 0.5) * cell
         y = low[1] + (np.arange(rows) + 0.5) * cell
         used = min(_NEIGHBOURS, len(self))
-        neighbours = np.empty((rows * columns, used), dtype=np.int32)
-        weights = np.empty((rows * columns, used), dtype=np.float32)
+        # Memory of cells far from all places is not touched.
+        neighbours = np.zeros((rows * columns, used), dtype=np.int32)
+        weights = np.zeros((rows * columns, used), dtype=np.float32)
+        empty = np.ones((rows, columns), dtype=np.uint8)
+        at = ((self.positions - low) / cell).astype(np.int64)
+        empty[at[:, 1], at[:, 0]] = 0
+        # Both the place and the point lie anywhere in their cells; and two more for rounding.
+        near = cv2.distanceTransform(empty, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) <= self.reach / cell + 3.5
         # Row by row of cells: the search needs ten times the memory of its result.
         together = max(1, _CELLS_AT_ONCE // columns)
         for first in range(0, rows, together):
-            centres = np.stack(np.meshgrid(x, y[first : first + together]), axis=-1).reshape(-1, 2)
-            part = slice(first * columns, first * columns + len(centres))
-            neighbours[part], weights[part] = self.around(centres)
+            row, column = np.nonzero(near[first : first + together])
+            if len(row):
+                cells = (first + row) * columns + column
+                neighbours[cells], weights[cells] = self.around(np.column_stack([x[column], y[first + row]]))
         return PlaceRaster((float(low[0]), float(low[1])), cell, (rows, columns), neighbours, weights)
+
+    @cached_property
+    def covered(self) -> NDArray[np.int64]:
+        """Cells of the raster that lie on the map."""
+        return np.flatnonzero(self.raster.weights.any(axis=1))
 
     def around(self, centres: Float64) -> tuple[NDArray[np.int64], Float64]:
         """Nearest places of points (m, 2) and their weights, (m, neighbours) each."""
@@ -141,8 +154,7 @@ class Places:
     def sample_uniform(self, count: int, rng: np.random.Generator) -> Float64:
         """Positions drawn uniformly over the map, float64 (count, 2), metres."""
         raster = self.raster
-        cells = np.flatnonzero(raster.weights[:, 0] + raster.weights.sum(axis=1) > 0.0)
-        chosen = cells[rng.integers(len(cells), size=count)]
+        chosen = self.covered[rng.integers(len(self.covered), size=count)]
         rows, columns = np.divmod(chosen, raster.shape[1])
         offset = rng.random((count, 2))
         x = raster.origin[0] + (columns + offset[:, 0]) * raster.cell

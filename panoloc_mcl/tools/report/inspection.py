@@ -182,8 +182,7 @@ def inspect_results(results: Results) -> Inspection:
 
 def covered_m2(places: Places) -> float:
     """Ground that the map holds on, square metres."""
-    raster = places.raster
-    return float(raster.weights.any(axis=1).sum()) * raster.cell**2
+    return float(len(places.covered)) * places.raster.cell**2
 
 
 def eigenimages_of(references: ReferencePanoramas) -> Eigenimages:

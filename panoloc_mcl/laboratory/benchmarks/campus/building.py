@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -56,7 +57,7 @@ def build(count: int, columns: int = COLUMNS, progress: Progress = no_progress) 
     votes = {"columns": columns, "doubted_references": "keep", "virtual_places": {"threads": 1}}
     observation = ObservationSettings(votes=VotesSettings.model_validate(votes))
     # What is done is kept: a build that was stopped goes on.
-    unfinished = path.with_name(f"{count}-rooms-{columns}.unfinished")
+    unfinished = path.with_suffix(".unfinished")
     with threadpool_limits(1, user_api="blas"):
         model = VotesModel.build(references, observation.votes, 0, progress, unfinished)
     camera = PanoramaCamera(elevation_deg=ELEVATION_DEG, height_m=HEIGHT_M)
@@ -65,6 +66,7 @@ def build(count: int, columns: int = COLUMNS, progress: Progress = no_progress) 
         f"{count} rooms", references, camera, shape.shape[::-1], observation, 0, model.arrays(), keyframes, model.notes
     )
     made.save(path)
+    shutil.rmtree(unfinished)
     return path
 
 

@@ -86,10 +86,10 @@ def places(counts: Sequence[int], images: int, out: Path | None = None) -> Repor
 def measured(path: str, count: str, images: str) -> dict[str, object]:
     """Everything about one map."""
     panorama_map = PanoramaMap.load(path)
-    tracked, away = along_a_drive(panorama_map)
     model = panorama_map.observation_model()
     assert isinstance(model, VotesModel)
-    searched, every = searches(panorama_map, int(count)), held_out(int(count), int(images))
+    tracked, away = along_a_drive(panorama_map, model)
+    searched, every = searches(panorama_map, model, int(count)), held_out(int(count), int(images))
     answers = np.array([recalled(model, image, pose) for image, pose in every])
     errors = np.array([error_of(model, image, pose) for image, pose in every[: max(1, len(every) // 5)]])
     right = (errors[:, 0] <= _FOUND_M) & (errors[:, 1] <= _FOUND_DEG)
@@ -109,9 +109,9 @@ def measured(path: str, count: str, images: str) -> dict[str, object]:
     }
 
 
-def searches(panorama_map: PanoramaMap, count: int) -> list[float]:
+def searches(panorama_map: PanoramaMap, model: VotesModel, count: int) -> list[float]:
     """Processor seconds of images of a robot that knows nothing, from pixels to pose."""
-    localizer = Localizer(panorama_map, config_from_mapping({}))
+    localizer = Localizer(panorama_map, config_from_mapping({}), model=model)
     images = iter([image for image, _ in held_out(count, _GLOBAL + 2, seed=2)] * 2)
     clock = iter(range(1, 10_000))
 
@@ -125,14 +125,14 @@ def searches(panorama_map: PanoramaMap, count: int) -> list[float]:
     return [float(seconds) for seconds in spent["first"].processor]
 
 
-def along_a_drive(panorama_map: PanoramaMap) -> tuple[list[float], float]:
+def along_a_drive(panorama_map: PanoramaMap, model: VotesModel) -> tuple[list[float], float]:
     """Processor seconds of images along a drive in the first room, and how far its end was off, metres; infinite if not sure."""
     room, shape = rooms(1)[0], geometry()
     angle = np.linspace(0.0, _DRIVE * _STEP_M / 1.5, _DRIVE)
     middle = room.corner + 0.5 * np.array(SIZE_M)
     poses = np.column_stack([middle + 1.5 * np.column_stack([np.cos(angle), np.sin(angle)]), angle + 0.5 * np.pi])
     images = iter([(0.1 * index, pose, room.panorama(shape, pose)) for index, pose in enumerate(poses)])
-    localizer = Localizer(panorama_map, config_from_mapping({"localizer": {"tracking": True}}))
+    localizer = Localizer(panorama_map, config_from_mapping({"localizer": {"tracking": True}}), model=model)
     ends: list[float] = []
 
     def step() -> None:

@@ -92,6 +92,4 @@ def _whitened(covariance: Float64) -> tuple[Float64, float]:
 
 def uniform_density(places: Places) -> float:
     """Of a robot that may be anywhere on the map with any heading: one over its square metres and radians."""
-    raster = places.raster
-    cells = int(np.count_nonzero(raster.weights.sum(axis=1) > 0.0))
-    return 1.0 / (max(cells, 1) * raster.cell**2 * 2.0 * math.pi)
+    return 1.0 / (max(len(places.covered), 1) * places.raster.cell**2 * 2.0 * math.pi)
