@@ -26,8 +26,7 @@ Bool = NDArray[np.bool_]
 
 # Of a glance: so many eigenimages, the first, which hold the most; and headings so many columns apart.
 _GLANCE_COMPONENTS, _GLANCE_COLUMNS = 32, 5
-# By four times as many, places are ranked: of 93,700 places, twice as many missed the true one of an occluded or relit image, among
-# 4096, several times as often.
+# By four times as many, places are ranked: by 64 of 93,700 places, the median rank of the true one in uneven light was 39, by 128 one.
 _CODE_COMPONENTS, _HEADINGS, _LIKENESS_BLOCK = 128, 72, 4096
 _CODES = ("codes", "lengths_of_codes")
 
@@ -196,7 +195,7 @@ class Correlator:
             for block in np.array_split(self.coefficients, len(self.coefficients) // _LIKENESS_BLOCK + 1)
         ]
         sizes = np.sqrt(np.sum(squares, axis=0) / len(self.coefficients))[:_CODE_COMPONENTS]
-        return np.maximum(np.tile(sizes, 2), 1e-12).astype(np.float32)[:, None]
+        return np.asarray(np.maximum(np.tile(sizes, 2), 1e-12)[:, None], dtype=np.float32)
 
     def _codes_with(self, others: Mapping[int, OfPlace]) -> tuple[Float32, Float32]:
         """`codes`, but for some places."""

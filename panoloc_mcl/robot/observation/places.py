@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
 from scipy.spatial import cKDTree
 
 from panoloc_mcl.robot.synthesis.spacing import LEAST_REACH_M, local_spacings, usual_spacing
@@ -116,11 +116,12 @@ class Places:
         # Memory of cells far from all places is not touched.
         neighbours = np.zeros((rows * columns, used), dtype=np.int32)
         weights = np.zeros((rows * columns, used), dtype=np.float32)
-        empty = np.ones((rows, columns), dtype=np.uint8)
+        occupied = np.zeros((rows, columns), dtype=np.uint8)
         at = ((self.positions - low) / cell).astype(np.int64)
-        empty[at[:, 1], at[:, 0]] = 0
-        # Both the place and the point lie anywhere in their cells; and two more for rounding.
-        near = cv2.distanceTransform(empty, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) <= self.reach / cell + 3.5
+        occupied[at[:, 1], at[:, 0]] = 1
+        # Place and point lie anywhere in their cells; and one more for rounding.
+        beside = int(np.ceil(self.reach / cell)) + 2
+        near = maximum_filter(occupied, size=2 * beside + 1, mode="constant")
         # Row by row of cells: the search needs ten times the memory of its result.
         together = max(1, _CELLS_AT_ONCE // columns)
         for first in range(0, rows, together):

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
@@ -49,6 +50,8 @@ _CLEARLY, _FOUND_LEAD = 0.5, 1.3
 # How far around the others it is looked for, in their usual distance.
 _SEARCH_IN_SPACINGS = 1.4
 _RIVAL_IN_SPACINGS = 2.0
+# Among more places than these, only around so many references that are most like it, by features averaged over blocks of pixels.
+_EVERYWHERE_UP_TO, _MOST_ALIKE, _AVERAGED = 8000, 32, 4
 _SAME_POSE_M, _SAME_POSE_RAD = 0.25, np.radians(8.0)
 _KEPT_FEATURES = 64
 _NOTHING_KEPT, _KEPT_TOGETHER = Parts(), 64
@@ -213,6 +216,34 @@ def _agreement(first: Features, second: Features) -> float:
     return common / float(np.sqrt(max(mine * theirs, 1e-12)))
 
 
+def _worth_a_look(
+    images: list[Complex64], trusted: ViewSynthesizer, places: Float64, spacing: float, settings: VotesSettings
+) -> Bool:
+    """At which places (k,) each image (n,) is looked for, bool (n, k): all; of many those around the references most like it."""
+    wanted = np.ones((len(images), len(places)), dtype=np.bool_)
+    references = trusted.references
+    if len(places) <= _EVERYWHERE_UP_TO or len(references) <= _MOST_ALIKE:
+        return wanted
+    every = (orientations(references.panorama(index), settings)[0] for index in range(len(references)))
+    spectra = np.stack([_coarse_spectrum(z) for z in every]).conj()
+    around = cKDTree(places).query_ball_point(references.positions, _SEARCH_IN_SPACINGS * spacing)
+    for row, image in enumerate(images):
+        likeness = fft.ifft(np.sum(_coarse_spectrum(image) * spectra, axis=1)).real.max(axis=1)
+        wanted[row] = False
+        for reference in np.argsort(-likeness, kind="stable")[:_MOST_ALIKE]:
+            wanted[row, around[reference]] = True
+    return wanted
+
+
+def _coarse_spectrum(z: Complex64) -> Complex64:
+    """Row spectra of averaged features, of unit length."""
+    rows, columns = z.shape
+    size = max(rows // _AVERAGED, 1), max(columns // _AVERAGED, 1)
+    parts = [cv2.resize(part, size[::-1], interpolation=cv2.INTER_AREA) for part in (z.real.copy(), z.imag.copy())]
+    spectrum = fft.fft(parts[0] + 1j * parts[1], axis=1)
+    return np.asarray(spectrum / max(float(np.linalg.norm(spectrum)), 1e-12), dtype=np.complex64)
+
+
 def _found_elsewhere(
     synthesizer: ViewSynthesizer, odd: Bool, fits: Fits, spacing: float, settings: VotesSettings
 ) -> Iterator[tuple[int, str]]:
@@ -226,11 +257,15 @@ def _found_elsewhere(
     # Its own place is looked at like any other.
     grid = virtual_positions(trusted.references.positions, _SEARCH_IN_SPACINGS * spacing, settings.virtual_places)
     places = np.concatenate([grid, references.positions[indices]])
+    wanted = _worth_a_look(images, trusted, places, spacing, settings)
+    for row, beside in enumerate(cKDTree(places).query_ball_point(references.positions[indices], _SAME_POSE_M)):
+        wanted[row, beside] = True
     scores, headings, own = np.zeros((len(indices), len(places))), np.zeros((len(indices), len(places))), np.zeros(len(indices))
-    for place, position in enumerate(places):
+    for place in np.flatnonzero(wanted.any(axis=0)).tolist():
+        position = places[place]
         view, _ = synthetic_features(trusted, position, settings)
-        for row, image in enumerate(images):
-            turns = _turns(image, view)
+        for row in np.flatnonzero(wanted[:, place]).tolist():
+            turns = _turns(images[row], view)
             turn = wrap_angle(2.0 * np.pi * np.arange(len(turns)) / len(turns))
             if np.hypot(*(position - references.positions[indices[row]])) <= _SAME_POSE_M:
                 same = np.abs(turn) <= _SAME_POSE_RAD

@@ -1,6 +1,7 @@
 """Poses that cannot be true are found, named, and told from references that only stand alone."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,16 @@ from panoloc_mcl.robot.camera import PanoramaGeometry
 from panoloc_mcl.robot.observation import VotesModel
 from panoloc_mcl.robot.references import ReferencePanoramas
 from panoloc_mcl.robot.settings.observation import VirtualPlacesSettings, VotesSettings
-from panoloc_mcl.robot.synthesis import PoseCheck, ViewSynthesizer, check_poses, places_of, sweep_profiles
+from panoloc_mcl.robot.synthesis import (
+    PoseCheck,
+    ViewSynthesizer,
+    check_poses,
+    places_of,
+    plausibility,
+    sweep_profiles,
+    synthetic_features,
+    virtual_positions,
+)
 
 SETTINGS = VotesSettings(virtual_places=VirtualPlacesSettings(spacing_m=0.25))
 GEOMETRY = PanoramaGeometry(180, 72, -50.0, 25.0)
@@ -60,6 +70,22 @@ def test_two_swapped_poses_are_both_named_with_where_they_belong(right) -> None:
     assert all("correct its row in poses.csv, or set observation.votes.doubted_references: keep" in one for one in found.doubts)
     assert np.flatnonzero(found.doubted).tolist() == [1, 6]
     assert found.notes(right.names) == found.doubts
+
+
+def test_of_many_places_those_around_the_references_most_alike_are_enough(right, monkeypatch: pytest.MonkeyPatch) -> None:
+    swapped = moved(right, {1: POSITIONS[6], 6: POSITIONS[1]})
+    everywhere, looked_at = check(swapped), []
+    monkeypatch.setattr(plausibility, "_EVERYWHERE_UP_TO", 10)
+    monkeypatch.setattr(plausibility, "_MOST_ALIKE", 3)
+
+    def seen(*given: Any) -> Any:
+        looked_at.append(given[1])
+        return synthetic_features(*given)
+
+    monkeypatch.setattr(plausibility, "synthetic_features", seen)
+    assert check(swapped).doubts == everywhere.doubts
+    assert len(everywhere.doubts) == 2
+    assert 0 < len(looked_at) < 0.9 * len(virtual_positions(POSITIONS, 1.4, SETTINGS.virtual_places))
 
 
 def test_a_setting_overrules(right) -> None:

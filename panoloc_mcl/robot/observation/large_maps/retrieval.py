@@ -1,7 +1,7 @@
 """Retrieval, then votes: all places are ranked by a short code, and the best of them are voted on with all eigenimages.
 
-The code of a place is its first few coefficients, those of the eigenimages that hold the most, and its rank is that of the cosine at
-the best of headings five degrees apart. That is one matrix product over all places, which at a hundred thousand of them takes about as
+The code of a place is its first 128 coefficients, each over its usual size over all places, and its rank is that of the cosine at the
+best of headings five degrees apart. That is one matrix product over all places, which at a hundred thousand of them takes about as
 long as what comes after. An approximate index (faiss, usearch) would have to be asked once for each heading, as a turned image has
 another code, and would be one more library on the robot.
 """
@@ -29,8 +29,9 @@ Int64 = NDArray[np.int64]
 Float64 = NDArray[np.float64]
 Complex64 = NDArray[np.complex64]
 
-# So many places at least, and at most, whatever held-out references say.
-_FEWEST, _MOST = 256, 4096
+# So many places at least, and at most, whatever held-out references say. Of a map of 9,370 places that was to retrieve 256, confidence
+# told right poses from wrong ones less well than with 3764 (log loss .29, not .17): of noisy images, held-out references are not asked.
+_FEWEST, _MOST = 1024, 4096
 # The true place is missed by less than one image in a thousand, if the logarithms of its ranks are normally distributed, ...
 _DEVIATIONS = 3.09
 # ... and if the worst of the ranks that were seen is not far from the worst there is.
