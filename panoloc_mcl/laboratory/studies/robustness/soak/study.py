@@ -94,7 +94,8 @@ def study(
     data = read_dataset(resolve_dataset(dataset))
     report = Report(
         f"Random faults in {updates} images a mode at the most on {data.name}, seed {seed}. After every image: finite pose, "
-        f"covariance symmetric and positive, weights that sum to one, status that fits its numbers. Wrong: converged and off by more than {WRONG_M:g} m "
+        f"covariance symmetric and positive, weights that sum to one, status that fits its numbers. "
+        f"Wrong: converged and off by more than {WRONG_M:g} m "
         f"or {WRONG_DEG:g} degrees."
     )
     table = report.table(
