@@ -10,7 +10,8 @@ import cv2
 from panoloc_mcl.robot.errors import CameraError
 
 # OpenCV's parser runs on for ever over a head line that it does not know, so it is given a head of our own.
-_HEAD = re.compile(r"\ufeff?%YAML[: ]1\.\d[ \t]*\r?\n---[ \t]*\r?\n")
+# Many files that people write have no line of dashes, or comments before it.
+_HEAD = re.compile(r"\ufeff?%YAML[: ]1\.\d[ \t]*\r?\n(?:(?:[ \t]*(?:#[^\n]*)?\r?\n)*---[ \t]*\r?\n)?")
 
 
 def parse_opencv(text: str, source: str) -> dict[str, Any]:
@@ -23,9 +24,7 @@ def parse_opencv(text: str, source: str) -> dict[str, Any]:
     """
     body = _HEAD.sub("", text, count=1) if _HEAD.match(text) else text
     if body.startswith(("%", "\ufeff%")):
-        raise CameraError(
-            f"{source}: is not valid OpenCV YAML (it begins with neither %YAML:1.0 and --- nor a key); export it again"
-        )
+        raise CameraError(f"{source}: is not valid OpenCV YAML (it begins with neither %YAML:1.0 nor a key); export it again")
     try:
         storage = cv2.FileStorage("%YAML:1.0\n---\n" + body, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
         root = storage.root()

@@ -155,7 +155,7 @@ def test_a_damaged_file_is_named(tmp_path: Path, text: str, words: list[str]) ->
 
 
 @pytest.mark.parametrize(
-    "head", ["%YAML:1784771\n--\n", "%YAML:17847715128717\n   mv: 190.9\n.0\n--\n", "%YAML:1.0\n", "%", "%YAML:2.0\n---\n"]
+    "head", ["%YAML:1784771\n--\n", "%YAML:17847715128717\n   mv: 190.9\n.0\n--\n", "%YAML:1.0\n--\n", "%", "%YAML:2.0\n---\n"]
 )
 def test_opencv_files_with_a_damaged_head_are_one_line_and_do_not_hang(head: str, tmp_path: Path) -> None:
     """Some of them keep OpenCV's own parser busy for ever, so a process of its own reads them."""
@@ -171,7 +171,19 @@ def test_opencv_files_with_a_damaged_head_are_one_line_and_do_not_hang(head: str
     assert done.stdout == "refused 1\n", done.stderr
 
 
-@pytest.mark.parametrize("head", ["%YAML:1.0\n---\n", "%YAML 1.2\n---\n", "%YAML:1.0\r\n---\r\n", ""])
+@pytest.mark.parametrize(
+    "head",
+    [
+        "%YAML:1.0\n---\n",
+        "%YAML 1.2\n---\n",
+        "%YAML:1.0\r\n---\r\n",
+        "",
+        # Settings of ORB-SLAM and VINS begin like this.
+        "%YAML:1.0\n",
+        "%YAML:1.0\n\n#------------\n# Camera Parameters\n\n",
+        "%YAML:1.0\n# of the front camera\n---\n",
+    ],
+)
 def test_heads_of_opencv_files_that_people_have(head: str, tmp_path: Path) -> None:
     original = EXAMPLES / "camodocal_kannala_brandt.yaml"
     path = tmp_path / "other.yaml"
