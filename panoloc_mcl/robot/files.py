@@ -12,7 +12,8 @@ import tempfile
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -91,21 +92,21 @@ def known_errors(kind: type[PanolocError], path: str | Path, what: str = "read")
         raise kind(f"{where}: cannot be {what} ({error.strerror or error}); check the path and permissions") from error
 
 
-def write_atomically(path: Path, content: bytes | str) -> None:
+def write_atomically(path: Path, content: bytes | str | Iterable[bytes | memoryview]) -> None:
     """Write a file so that no reader ever sees a part of it; folders above it are made.
 
     Parameters
     ----------
     path : Path
-    content : bytes or str
-        Text is written as UTF-8 with plain newlines.
+    content : bytes, str or iterable of buffers
+        Text is written as UTF-8 with plain newlines; buffers one after the other.
 
     Raises
     ------
     OutputError
         The file cannot be written.
     """
-    data = content.encode("utf-8") if isinstance(content, str) else content
+    content = content.encode("utf-8") if isinstance(content, str) else content
     temporary = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -113,7 +114,7 @@ def write_atomically(path: Path, content: bytes | str) -> None:
         name = path.name.encode()[:_LONGEST_PREFIX].decode(errors="ignore")
         handle, temporary = tempfile.mkstemp(prefix=f".{name}.", dir=path.parent)
         with os.fdopen(handle, "wb") as stream:
-            stream.write(data)
+            stream.writelines([content] if isinstance(content, bytes) else content)
             # On the disk before it gets its name: after a crash there is the old file or the new one.
             stream.flush()
             os.fsync(stream.fileno())
@@ -246,19 +247,22 @@ def _check_part(parts: zipfile.ZipFile, part: zipfile.ZipInfo, size: int) -> Non
 class Parts:
     """What a long build has worked out, in a folder beside its output: a build that was killed goes on there.
 
+    Steps are told apart by their names and, of one name, by their order: a build must take the same steps each time.
+
     Parameters
     ----------
     folder : Path, optional
         None: nothing is kept.
     key : str
-        Names what the parts were made of; those of anything else are made anew.
+        Names what the parts were made of, 64 letters as of SHA-256; those of anything else are made anew.
     """
 
     def __init__(self, folder: Path | None = None, key: str = "") -> None:
         self._folder, self._key = folder, key
+        self._steps: Counter[str] = Counter()
 
     def each(
-        self, name: str, count: int, size: int, make: Callable[[slice], dict[str, NDArray[Any]]]
+        self, name: str, count: int, size: int, make: Callable[[slice], Mapping[str, NDArray[Any]]]
     ) -> Iterator[tuple[slice, Mapping[str, NDArray[Any]]]]:
         """So many results in blocks of a size: where each block lies, and its arrays, which ``make`` makes where none are kept.
 
@@ -267,47 +271,66 @@ class Parts:
         OutputError
             A part cannot be written.
         """
+        self._steps[name] += 1
+        step = f"{self._key[:16]}-{name.replace(' ', '_')}-{self._steps[name]}"
         for first in range(0, count, size):
             block = slice(first, min(first + size, count))
-            yield block, self._of(f"{name}-{block.start}-{block.stop}", block, make)
+            yield block, self._of(f"{step}-{block.start}-{block.stop}.npz", block, make)
 
-    def rows(
-        self, name: str, rows: NDArray[Any], work: Callable[[int], Any], threads: int, size: int, done: Callable[[int], None]
-    ) -> None:
-        """Fill an array row by row, some rows at work at once; blocks of so many rows are kept.
+    def listed(
+        self,
+        name: str,
+        count: int,
+        size: int,
+        work: Callable[[int], Iterable[Sequence[Any]]],
+        threads: int = 1,
+        progress: Callable[[int, int, str], None] = lambda done, total, what: None,
+    ) -> list[NDArray[Any]]:
+        """Columns of a table: the rows that ``work`` lists for each index, in their order; some indices are at work at once.
 
         Parameters
         ----------
         name : str
-        rows : array (count, ...)
-            Is written to.
-        work : callable (index) -> row
+            As progress is told.
+        count : int
+            Of indices.
+        size : int
+            So many of them are kept together.
+        work : callable (index) -> rows
+            Numbers or arrays, of one type and shape in each column.
         threads : int
             The result does not depend on it.
-        size : int
-        done : callable (count)
-            Is told of every row that was worked out.
+        progress : callable (done, total, what)
+            Is told of every index that was worked on.
+
+        Returns
+        -------
+        list of array (rows, ...)
+            None at all if there are no rows.
 
         Raises
         ------
         OutputError
             A part cannot be written.
         """
+        import numpy as np
+
         with ThreadPoolExecutor(max_workers=threads) as pool:
 
             def block_of(block: slice) -> dict[str, NDArray[Any]]:
-                for index, row in enumerate(pool.map(work, range(block.start, block.stop)), start=block.start):
-                    rows[index] = row
-                    done(index + 1)
-                return {"rows": rows[block]}
+                rows: list[Sequence[Any]] = []
+                for index, some in enumerate(pool.map(lambda one: list(work(one)), range(block.start, block.stop))):
+                    rows += some
+                    progress(block.start + index + 1, count, name)
+                return {str(number): np.array(column) for number, column in enumerate(zip(*rows, strict=True))}
 
-            for block, found in self.each(name, len(rows), size, block_of):
-                rows[block] = found["rows"]
+            blocks = [list(found.values()) for _, found in self.each(name, count, size, block_of) if found]
+        return [np.concatenate(column) for column in zip(*blocks, strict=True)]
 
-    def _of(self, name: str, block: slice, make: Callable[[slice], dict[str, NDArray[Any]]]) -> Mapping[str, NDArray[Any]]:
+    def _of(self, name: str, block: slice, make: Callable[[slice], Mapping[str, NDArray[Any]]]) -> Mapping[str, NDArray[Any]]:
         if self._folder is None:
             return make(block)
-        path = self._folder / f"{name}.npz"
+        path = self._folder / name
         with suppress(ValueError, OSError):
             header, arrays = read_arrays(path)
             if header == {"key": self._key}:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -154,10 +154,10 @@ class ReferencePanoramas:
     def __len__(self) -> int:
         return len(self.pixels)
 
-    def digest(self, further: str) -> str:
-        """Names their content, what is known of them, and whatever further text: equal ones have equal ones."""
+    def digest(self, further: str, *arrays: NDArray[Any]) -> str:
+        """Names their content, what is known of them, and whatever further text and arrays: equal ones have equal ones."""
         digest = hashlib.sha256(f"{_DIGEST} {self.geometry} {self.camera_height_m} {self.tall} {further}".encode())
-        for array in (self.pixels, self.positions, self.valid, self.sds):
+        for array in (self.pixels, self.positions, self.valid, self.sds, *arrays):
             digest.update(b"" if array is None else np.ascontiguousarray(array).data)
         return digest.hexdigest()
 

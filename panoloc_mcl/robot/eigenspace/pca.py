@@ -102,6 +102,7 @@ def eigenspace_of(
     threads: int = 1,
     parts: Parts = _NOTHING_KEPT,
     beside: Mapping[str, NDArray[Any]] = _NOTHING,
+    as_kept: Callable[[NDArray[Any]], NDArray[Any]] = np.asarray,
 ) -> Eigenspace:
     """Eigenspace of many images that are made one by one and never held all at once.
 
@@ -125,6 +126,8 @@ def eigenspace_of(
         Where what is done is kept.
     beside : mapping of str to ndarray (n, ...)
         Arrays whose row ``image`` writes, too: they are kept with the coefficients.
+    as_kept : callable (coefficients) -> array
+        Their kind in the result, which may take less room.
 
     Raises
     ------
@@ -144,17 +147,19 @@ def eigenspace_of(
         spectrum = _spectrum(basis)
         wanted = min(default_components, spectrum.rank) if components is None else components
         inner = _components_of(basis, spectrum, wanted, key)
-        coefficients = np.empty((count, wanted), dtype=basis.dtype)
-        coefficients[chosen] = inner.coefficients
+        of_basis = as_kept(inner.coefficients)
+        coefficients = np.empty((count, of_basis.shape[1]), dtype=of_basis.dtype)
+        coefficients[chosen] = of_basis
         del basis
-        projector = inner.eigenimages.conj().T
 
         def project(block: slice) -> dict[str, NDArray[Any]]:
             waiting: list[NDArray[Any]] = []
             for done, made in enumerate(_in_order(pool, image, others[block], threads), start=block.start + 1):
                 waiting.append(made)
                 if len(waiting) == _PROJECTED_AT_ONCE or done == block.stop:
-                    coefficients[others[done - len(waiting) : done]] = np.stack(waiting) @ projector
+                    # Eigenimages, not images, are to be conjugate; a copy of them would be large.
+                    projected = (np.stack(waiting).conj() @ inner.eigenimages.T).conj()
+                    coefficients[others[done - len(waiting) : done]] = as_kept(projected)
                     waiting.clear()
                 progress(len(chosen) + done, count, "views")
             return {name: array[others[block]] for name, array in kept.items()}

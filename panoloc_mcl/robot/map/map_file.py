@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import json
 import mmap
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save as safetensors_bytes
 
 from panoloc_mcl.robot.errors import MapError
 from panoloc_mcl.robot.files import known_errors, write_atomically
@@ -25,7 +25,8 @@ FORMAT = "panoloc-map/1"
 _MAPPED_FROM = 200_000_000
 _KINDS = {
     **{"F64": np.float64, "F32": np.float32, "F16": np.float16, "C64": np.complex64},
-    **{"I64": np.int64, "I32": np.int32, "U8": np.uint8, "BOOL": np.bool_},
+    **{"I64": np.int64, "I32": np.int32, "I16": np.int16, "I8": np.int8, "BOOL": np.bool_},
+    **{"U64": np.uint64, "U32": np.uint32, "U16": np.uint16, "U8": np.uint8},
 }
 
 Tensors = dict[str, NDArray[Any]]
@@ -39,12 +40,28 @@ def write(path: Path, header: dict[str, Any], tensors: Tensors) -> None:
     MapError
         The file cannot be written.
     """
-    # One entry only: safetensors writes several in an order that changes from call to call.
     metadata = {"map": json.dumps({"format": FORMAT, **header}, sort_keys=True)}
-    try:
-        write_atomically(path, safetensors_bytes(tensors, metadata))
-    except SafetensorError as error:
-        raise MapError(f"{path}: cannot be written ({error})") from error
+    write_atomically(path, _container(metadata, tensors))
+
+
+def _container(metadata: dict[str, str], tensors: Tensors) -> Iterator[bytes | memoryview]:
+    """The parts of a safetensors file, one after the other: the library's own writer copies all arrays twice in memory.
+
+    Larger items come first, so that each array lies where its items are aligned.
+    """
+    entries: dict[str, Any] = {"__metadata__": metadata}
+    names = sorted(tensors, key=lambda name: (-tensors[name].itemsize, name))
+    end = 0
+    for name in names:
+        array = tensors[name]
+        begin, end = end, end + array.nbytes
+        kind = next(kind for kind, known in _KINDS.items() if array.dtype == known)
+        entries[name] = {"dtype": kind, "shape": array.shape, "data_offsets": (begin, end)}
+    header = json.dumps(entries, separators=(",", ":")).encode()
+    header += b" " * (-len(header) % 8)
+    yield len(header).to_bytes(8, "little") + header
+    for name in names:
+        yield np.ascontiguousarray(tensors[name]).reshape(-1).view(np.uint8).data
 
 
 def read(path: Path) -> tuple[dict[str, Any], Tensors]:

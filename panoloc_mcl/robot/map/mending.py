@@ -9,15 +9,16 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
-from panoloc_mcl.robot.geometry import between, compose, wrap_angle
+from panoloc_mcl.robot.files import Parts
+from panoloc_mcl.robot.geometry import compose, wrap_angle
 from panoloc_mcl.robot.map.keyframes import Edges, Keyframes, is_still
 from panoloc_mcl.robot.map.pairs import PairMeasurements, measure_pairs, neighbour_pairs
-from panoloc_mcl.robot.map.pose_graph import Priors, Solution, solve
+from panoloc_mcl.robot.map.pose_graph import Priors, Solution, closure_error, solve
 from panoloc_mcl.robot.map.relocation import contradicted, relocated
 from panoloc_mcl.robot.map.survey_scale import SurveyScale
 from panoloc_mcl.robot.progress import Progress, no_progress
@@ -25,6 +26,7 @@ from panoloc_mcl.robot.references import ReferencePanoramas, References, read_re
 from panoloc_mcl.robot.settings.map import MapSettings
 from panoloc_mcl.robot.settings.observation import VotesSettings
 from panoloc_mcl.robot.synthesis import ViewSynthesizer, sweep_profiles
+from panoloc_mcl.robot.synthesis.spacing import usual_spacing
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -69,7 +71,13 @@ class Mended:
     notes: tuple[str, ...]
 
 
-def mend(source: References, votes: VotesSettings, settings: MapSettings, progress: Progress = no_progress) -> Mended:
+def mend(
+    source: References,
+    votes: VotesSettings,
+    settings: MapSettings,
+    progress: Progress = no_progress,
+    unfinished: Path | None = None,
+) -> Mended:
     """Mend the poses of references.
 
     Parameters
@@ -79,11 +87,13 @@ def mend(source: References, votes: VotesSettings, settings: MapSettings, progre
         How images are compared.
     settings : MapSettings
     progress : callable (done, total, what)
+    unfinished : Path, optional
+        A folder where what is done is kept, so that a build that was stopped goes on.
 
     Raises
     ------
-    DatasetError, ImageError
-        As `read_references`.
+    DatasetError, ImageError, OutputError
+        As `read_references`; parts that cannot be kept.
     """
     panoramas = read_references(source, progress)
     names = panoramas.names
@@ -92,7 +102,12 @@ def mend(source: References, votes: VotesSettings, settings: MapSettings, progre
     why_not = _why_not(panoramas)
     if why_not:
         return Mended(source, panoramas, Keyframes.surveyed(names, source.standpoints, source.sds), (why_not,))
-    return _Mending(source, panoramas, votes, settings, progress).run()
+    said = f"{votes.model_dump_json()} {settings.model_dump_json(exclude={'file'})}"
+    parts = Parts(unfinished, "" if unfinished is None else panoramas.digest(said, source.poses, _given_sds(source, settings)))
+    mending = _Mending(source, panoramas, votes, settings, progress, parts)
+    # Read again in every round: these need not be kept beside the next ones.
+    del panoramas
+    return mending.run()
 
 
 def _why_not(panoramas: ReferencePanoramas) -> str:
@@ -113,8 +128,9 @@ class _Mending:
         votes: VotesSettings,
         settings: MapSettings,
         progress: Progress,
+        parts: Parts,
     ) -> None:
-        self.source, self.votes, self.settings, self.progress = source, votes, settings, progress
+        self.source, self.votes, self.settings, self.progress, self.parts = source, votes, settings, progress, parts
         self.panoramas = panoramas
         self.given = source.standpoints
         self.poses = self.given.copy()
@@ -158,12 +174,14 @@ class _Mending:
         panoramas, progress = self.panoramas, self.progress
         height = panoramas.camera_height_m
         assert height is not None
-        profiles = sweep_profiles(panoramas, height, self.votes, progress, self.threads)
+        profiles = sweep_profiles(panoramas, height, self.votes, progress, self.threads, parts=self.parts)
         synthesizer = ViewSynthesizer(panoramas, profiles, height)
-        pairs = neighbour_pairs(panoramas.positions, self.settings.neighbours, _FAR_IN_SPACINGS * _spacing(panoramas.positions))
+        pairs = neighbour_pairs(
+            panoramas.positions, self.settings.neighbours, _FAR_IN_SPACINGS * usual_spacing(panoramas.positions)
+        )
         apart = panoramas.positions[pairs[:, 1]] - panoramas.positions[pairs[:, 0]]
         starts = np.column_stack([apart, np.zeros(len(pairs))])
-        measured = measure_pairs(synthesizer, pairs, starts, self.votes, near, progress, self.threads)
+        measured = measure_pairs(synthesizer, pairs, starts, self.votes, near, progress, self.threads, self.parts)
         sufficient = _LEAST_SHARE * float(np.median(measured.agreement)) if len(pairs) else 1.0
         self.edges = robot_edges(measured, self.poses[:, 2], sufficient)
         priors = Priors(self.given, self.sds)
@@ -193,7 +211,8 @@ class _Mending:
             return set()
         self.sought.update(new.tolist())
         moved = set()
-        for index, pose in relocated(synthesizer, new, self.votes, sufficient, self.progress).items():
+        found = relocated(synthesizer, new, self.votes, sufficient, self.progress, self.threads, self.parts)
+        for index, pose in found.items():
             away = float(np.hypot(*(pose[:2] - self.poses[index, :2])))
             if away < _SAME_POSE_M and abs(pose[2]) < _SAME_POSE_RAD:
                 # Where it was said to be, only hard to tell.
@@ -268,24 +287,6 @@ class _Mending:
         return Mended(mended, panoramas, keyframes, (*_notes(keyframes), *metres))
 
 
-def closure_error(edges: Edges) -> float:
-    """By how much relative poses miss their start round a triangle, in the median, as a share of their usual length; 0 without any."""
-    found = {(int(i), int(j)): pose for i, j, pose in zip(edges.first, edges.second, edges.measured, strict=True)}
-    found |= {(j, i): between(pose, np.zeros(3)) for (i, j), pose in found.items()}
-    ends: dict[int, set[int]] = {}
-    for first, second in found:
-        ends.setdefault(first, set()).add(second)
-    misses = [
-        float(np.hypot(*compose(compose(found[i, j], found[j, k]), found[k, i])[:2]))
-        for i in sorted(ends)
-        for j in sorted(ends[i])
-        for k in sorted(ends[i] & ends[j])
-        if i < j < k
-    ]
-    length = float(np.median(np.hypot(*edges.measured[:, :2].T))) if misses else 0.0
-    return float(np.median(misses)) / length if length > 0.0 else 0.0
-
-
 def robot_edges(measured: PairMeasurements, headings: Float64, sufficient: float) -> Edges:
     """Edges between robot poses, from relative poses of panoramas that were turned to heading 0 by the headings (n,) given.
 
@@ -313,11 +314,6 @@ def _given_sds(source: References, settings: MapSettings) -> Float64:
     if source.sds is not None:
         sds = np.where(np.isnan(source.sds), sds, source.sds)
     return sds
-
-
-def _spacing(positions: Float64) -> float:
-    distinct = np.unique(positions, axis=0)
-    return float(np.median(np.asarray(cKDTree(distinct).query(distinct, k=2)[0])[:, 1]))
 
 
 def _notes(keyframes: Keyframes) -> Iterator[str]:

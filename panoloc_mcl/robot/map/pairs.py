@@ -6,8 +6,7 @@ finds from where the other image was taken, in the frame of the source.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from panoloc_mcl.robot.eigenspace.gradients import orientations
+from panoloc_mcl.robot.files import Parts
 from panoloc_mcl.robot.geometry import between
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.references import ReferencePanoramas
@@ -28,6 +28,7 @@ Complex64 = NDArray[np.complex64]
 Bool = NDArray[np.bool_]
 
 _KEPT_FEATURES = 96
+_NOTHING_KEPT, _KEPT_TOGETHER = Parts(), 32
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +80,7 @@ def measure_pairs(
     near: bool = False,
     progress: Progress = no_progress,
     threads: int = 1,
+    parts: Parts = _NOTHING_KEPT,
 ) -> PairMeasurements:
     """Refine images against views made from one other keyframe each.
 
@@ -96,34 +98,30 @@ def measure_pairs(
     progress : callable (done, total, what)
     threads : int
         Sources at work at once; the result does not depend on it.
+    parts : Parts
+        Where what is done is kept.
     """
+    if not len(pairs):
+        return PairMeasurements(pairs, np.empty((0, 3)), np.empty((0, 3, 3)), np.empty(0))
     references = synthesizer.references
     features = features_of(references, settings)
     by_source = [np.flatnonzero(pairs[:, 0] == source) for source in range(len(references))]
-    relative, covariances = np.empty((len(pairs), 3)), np.empty((len(pairs), 3, 3))
-    agreement = np.empty(len(pairs))
 
-    def work(source: int) -> int:
-        rows = by_source[source]
-        if not len(rows):
-            return 0
+    def work(source: int) -> Iterator[tuple[int, Float64, Float64, float]]:
+        rows = by_source[source].tolist()
+        if not rows:
+            return
         refiner = PoseRefiner(synthesizer.of(np.array([source])), settings)
         origin = np.array([*references.positions[source], 0.0])
         for row in rows:
             start = starts[row].copy()
             start[:2] += origin[:2]
             found = (refiner.polish if near else refiner.refine)(*features(int(pairs[row, 1])), start)
-            relative[row] = between(origin, found.pose)
-            covariances[row] = found.covariance
-            agreement[row] = found.agreement.cosine
-        return len(rows)
+            yield row, between(origin, found.pose), found.covariance, found.agreement.cosine
 
-    done = 0
-    with ThreadPoolExecutor(max_workers=threads) as pool:
-        for count in pool.map(work, range(len(references))):
-            done += count
-            progress(done, len(pairs), "pairs of keyframes")
-    return PairMeasurements(pairs, relative, covariances, agreement)
+    rows, *found = parts.listed("pairs of keyframes", len(references), _KEPT_TOGETHER, work, threads, progress)
+    order = np.argsort(rows)
+    return PairMeasurements(pairs, *(column[order] for column in found))
 
 
 def features_of(references: ReferencePanoramas, settings: VotesSettings) -> Callable[[int], tuple[Complex64, Bool]]:

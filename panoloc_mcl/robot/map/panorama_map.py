@@ -96,7 +96,7 @@ class PanoramaMap:
         settings : MapSettings, optional
             How given poses are mended.
         unfinished : Path, optional
-            A folder where views that are done are kept, so that a build that was stopped goes on there.
+            A folder where what is done is kept, so that a build that was stopped goes on there.
 
         Raises
         ------
@@ -114,7 +114,7 @@ class PanoramaMap:
             settings = settings or MapSettings()
             source, turned = with_headings(dataset.references, observation.votes, settings, progress, threads)
             source, left_out = explained(source, observation.votes, as_compared, threads)
-            mended = mend(source, observation.votes, settings, progress)
+            mended = mend(source, observation.votes, settings, progress, unfinished)
         mended = replace(mended, notes=(*turned, *left_out, *mended.notes))
         return cls.of_keyframes(dataset.name, mended, observation, seed, progress, unfinished)
 
@@ -138,7 +138,7 @@ class PanoramaMap:
         observation, seed, progress, settings
             As in `build`.
         unfinished : Path, optional
-            Where what is done is kept, so that a build that was stopped goes on (see `map_drives`).
+            As in `build`.
 
         Raises
         ------
@@ -148,7 +148,7 @@ class PanoramaMap:
         observation = observation or ObservationSettings()
         with threadpool_limits(1, user_api="blas"):
             mended = map_drives(drives, observation.votes, settings or MapSettings(), progress, unfinished)
-        return cls.of_keyframes(name, mended, observation, seed, progress)
+        return cls.of_keyframes(name, mended, observation, seed, progress, unfinished)
 
     @classmethod
     def of_keyframes(
@@ -162,21 +162,21 @@ class PanoramaMap:
     ) -> Self:
         """A map of keyframes whose poses are settled."""
         source, references = mended.source, replace(mended.panoramas, sds=mended.keyframes.sds)
-        # Other models are made in no time.
-        kept = {"unfinished": unfinished} if observation.model == "votes" else {}
-        with threadpool_limits(1, user_api="blas"):
-            model = model_named(observation.model).build(references, observation.selected, seed, progress, **kept)
+        model = _built(references, observation, seed, progress, unfinished)
         notes = (*mended.notes, *model.notes)
         made = (observation, seed, model.arrays(), mended.keyframes, notes)
         return cls(name, references, source.camera, source.image_size, *made)
 
     def with_keyframes(
-        self, references: ReferencePanoramas, keyframes: Keyframes, progress: Progress = no_progress
+        self,
+        references: ReferencePanoramas,
+        keyframes: Keyframes,
+        progress: Progress = no_progress,
+        unfinished: Path | None = None,
     ) -> PanoramaMap:
-        """The map made anew of other keyframes, with the same camera and settings."""
+        """The map made anew of other keyframes, with the same camera and settings (``unfinished`` as in `build`)."""
         references = replace(references, sds=keyframes.sds)
-        with threadpool_limits(1, user_api="blas"):
-            model = model_named(self.observation.model).build(references, self.observation.selected, self.seed, progress)
+        model = _built(references, self.observation, self.seed, progress, unfinished)
         return replace(self, references=references, keyframes=keyframes, arrays=model.arrays(), notes=model.notes)
 
     @property
@@ -304,6 +304,15 @@ class PanoramaMap:
             _keyframes(references, map_file.part(tensors, "keyframes"), header.get("keyframes")),
             tuple(str(note) for note in header.get("notes", ())),
         )
+
+
+def _built(
+    references: ReferencePanoramas, observation: ObservationSettings, seed: int, progress: Progress, unfinished: Path | None
+) -> ObservationModel:
+    # Other models are made in no time.
+    kept = {"unfinished": unfinished} if observation.model == "votes" else {}
+    with threadpool_limits(1, user_api="blas"):
+        return model_named(observation.model).build(references, observation.selected, seed, progress, **kept)
 
 
 def _keyframes(references: ReferencePanoramas, arrays: dict[str, NDArray[Any]], header: dict[str, Any] | None) -> Keyframes:

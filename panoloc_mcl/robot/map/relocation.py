@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
 from panoloc_mcl.robot.eigenspace.gradients import orientations
+from panoloc_mcl.robot.files import Parts
 from panoloc_mcl.robot.map.keyframes import BELIEVED, Edges
 from panoloc_mcl.robot.observation import Places
 from panoloc_mcl.robot.progress import Progress, no_progress
@@ -23,6 +26,7 @@ _CANDIDATES = 5
 _VIEWS, _APART = 0.35, 0.7
 # Two keyframes that see each other see what lies between them: in the circle over the line between them, and a little around.
 _BETWEEN = 1.1
+_NOTHING_KEPT, _KEPT_TOGETHER = Parts(), 64
 
 
 def relocated(
@@ -31,6 +35,8 @@ def relocated(
     settings: VotesSettings,
     sufficient: float,
     progress: Progress = no_progress,
+    threads: int = 1,
+    parts: Parts = _NOTHING_KEPT,
 ) -> dict[int, Float64]:
     """Where images fit among the other keyframes.
 
@@ -44,6 +50,10 @@ def relocated(
     sufficient : float
         Agreement (cosine) of an image with the view at a pose that is taken.
     progress : callable (done, total, what)
+    threads : int
+        Views that are made at once; the result does not depend on it.
+    parts : Parts
+        Where what is done is kept.
 
     Returns
     -------
@@ -60,7 +70,7 @@ def relocated(
     grid = settings.virtual_places.model_copy(update={"spacing_m": _VIEWS * spacing})
     places = virtual_positions(trusted.references.positions, spacing, grid)
     images = [orientations(references.panorama(int(index)), settings) for index in lost]
-    scores, headings = _likeness([z for z, _ in images], trusted, places, settings, progress)
+    scores, headings = _likeness([z for z, _ in images], trusted, places, settings, progress, threads, parts)
     found = {}
     for row, index in enumerate(lost):
         starts = [np.array([*places[place], headings[row, place]]) for place in _apart(scores[row], places, _APART * spacing)]
@@ -71,22 +81,27 @@ def relocated(
 
 
 def _likeness(
-    images: list[Complex64], trusted: ViewSynthesizer, places: Float64, settings: VotesSettings, progress: Progress
+    images: list[Complex64],
+    trusted: ViewSynthesizer,
+    places: Float64,
+    settings: VotesSettings,
+    progress: Progress,
+    threads: int,
+    parts: Parts,
 ) -> tuple[Float64, Float64]:
     """Best cosine over all headings of every image with the view at every place, and that heading: float64 (images, places) each."""
     spectra = [fft.fft(z, axis=1) for z in images]
     norms = [float(np.linalg.norm(z)) for z in images]
-    scores, headings = np.zeros((len(images), len(places))), np.zeros((len(images), len(places)))
-    for place, position in enumerate(places):
-        view, _ = synthetic_features(trusted, position, settings)
+
+    def compared(place: int) -> Iterator[tuple[Float64, Float64]]:
+        view, _ = synthetic_features(trusted, places[place], settings)
         spectrum, norm = fft.fft(view, axis=1).conj(), float(np.linalg.norm(view))
-        for row, mine in enumerate(spectra):
-            turns = fft.ifft(np.sum(mine * spectrum, axis=0)).real
-            best = int(np.argmax(turns))
-            scores[row, place] = turns[best] / max(norm * norms[row], 1e-12)
-            headings[row, place] = 2.0 * np.pi * best / view.shape[1]
-        progress(place + 1, len(places), "search for lost references")
-    return scores, headings
+        turns = [fft.ifft(np.sum(mine * spectrum, axis=0)).real for mine in spectra]
+        scores = [float(turn.max()) / max(norm * mine, 1e-12) for turn, mine in zip(turns, norms, strict=True)]
+        yield np.array(scores), 2.0 * np.pi * np.argmax(turns, axis=1) / view.shape[1]
+
+    scores, headings = parts.listed("search for lost references", len(places), _KEPT_TOGETHER, compared, threads, progress)
+    return scores.T, headings.T
 
 
 def _apart(scores: Float64, places: Float64, distance: float) -> list[int]:

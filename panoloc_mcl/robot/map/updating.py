@@ -105,7 +105,7 @@ def update_map(
     settings : MapSettings, optional
     progress : callable (done, total, what)
     unfinished : Path, optional
-        Where stages of a drive's own map are kept, so that an update that was stopped goes on (see `map_drives`).
+        A folder where what is done is kept, so that an update that was stopped goes on.
 
     Raises
     ------
@@ -137,7 +137,7 @@ def _updated(
         return Update(
             panorama_map, False, (f"drive {drive.name}: shows nothing that the map does not know; it stays as it is",)
         )
-    new = _rebuilt(panorama_map, seen, added, retired, settings.most_keyframes, progress)
+    new = _rebuilt(panorama_map, seen, added, retired, settings.most_keyframes, progress, unfinished)
     later = [_of_drive(one, seen, np.flatnonzero(held_out)) for one in (panorama_map, new)]
     past = [of_keyframes(one, _comparable(panorama_map, new, seen)) for one in (panorama_map, new)]
     told = f"{len(added)} keyframes added, {len(retired)} retired; {_told('held-out images of the drive', *later)}" + (
@@ -250,7 +250,13 @@ def _retired(panorama_map: PanoramaMap, seen: _Seen, added: Int64, usual: float)
 
 
 def _rebuilt(
-    panorama_map: PanoramaMap, seen: _Seen, added: Int64, retired: Int64, most: int, progress: Progress
+    panorama_map: PanoramaMap,
+    seen: _Seen,
+    added: Int64,
+    retired: Int64,
+    most: int,
+    progress: Progress,
+    unfinished: Path | None,
 ) -> PanoramaMap:
     """The map without those retired and with those added, bounded in size."""
     references, keyframes = panorama_map.references, panorama_map.keyframes
@@ -265,7 +271,7 @@ def _rebuilt(
     chosen = np.concatenate([kept, len(references) + added])
     panoramas = turned(stacked(references, images), angle_difference(together.poses[:, 2], before)).of(chosen)
     panoramas = replace(panoramas, positions=np.ascontiguousarray(together.poses[chosen, :2]))
-    return panorama_map.with_keyframes(panoramas, together.of(chosen), progress)
+    return panorama_map.with_keyframes(panoramas, together.of(chosen), progress, unfinished)
 
 
 def _panoramas(panorama_map: PanoramaMap, seen: _Seen) -> ReferencePanoramas:

@@ -9,16 +9,16 @@ pose is, given what the field and the refinement look like (logistic regression,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.robot.camera import Panorama
+from panoloc_mcl.robot.files import Parts
 from panoloc_mcl.robot.geometry import angle_difference
 from panoloc_mcl.robot.observation.disturbances import bars, blobs, gain, random_pixels, spatial_light
 from panoloc_mcl.robot.observation.field import VoteField
@@ -73,6 +73,7 @@ _QUANTILES, _STANDS_FOR = 1.0 - np.square(_RANKS), 2.0 * _RANKS / len(_RANKS)
 _OUTLIERS = 0.1
 # Less information than this about a pose, nats, is none.
 _TELLING = 0.1
+_NOTHING_KEPT = Parts()
 
 
 class HeldOut(Protocol):
@@ -140,16 +141,17 @@ def evidence(field: VoteField) -> Float64:
     return np.log([*shape, max(agreement.cosine, 1e-2), max(agreement.unanimity, 0.3), max(agreement.weakest, 1e-2)])
 
 
-@dataclass(frozen=True, eq=False)
-class _Trial:
-    reference: int
+class _Trials(NamedTuple):
+    """A row for each image."""
+
+    reference: NDArray[np.int64]
     field_evidence: Float64
-    refined_evidence: Float64 | None
-    field_right: bool
-    refined_right: bool
-    upright: bool
-    halved: bool
-    shortfall: float
+    refined_evidence: Float64
+    field_right: NDArray[np.bool_]
+    refined_right: NDArray[np.bool_]
+    upright: NDArray[np.bool_]
+    halved: NDArray[np.bool_]
+    shortfall: Float64
     shortfalls: Float64
 
 
@@ -161,6 +163,7 @@ def calibrate(
     threads: int = 1,
     wrong_share: float = WRONG_SHARE,
     between: bool = True,
+    parts: Parts = _NOTHING_KEPT,
 ) -> Calibration | None:
     """Learn from references that are held out one by one.
 
@@ -181,37 +184,38 @@ def calibrate(
         Whether places lie between the references. Where they are the references, one that is held out is twice as far from the next as
         a robot is at most: its best cell is found more seldom than a robot's, so that confidence errs to the safe side, and the
         tolerance is the one that tells right cells from wrong ones best.
+    parts : Parts
+        Where what is done is kept.
 
     Returns
     -------
     Calibration or None
         None where there is nothing to learn from: fewer than two references, or none that is found again.
     """
-    trials = _all_trials(held_out, references, most_references, progress, threads)
-    spacing = usual_spacing(references.positions)
-    if not trials or not any(trial.field_right for trial in trials):
+    trials = _all_trials(held_out, references, most_references, progress, threads, parts)
+    if trials is None or not trials.field_right.any():
         return None
-    positions = references.positions[[trial.reference for trial in trials]]
-    field_evidence = np.array([trial.field_evidence for trial in trials])
-    field_right = np.array([trial.field_right for trial in trials])
-    whole = np.array([not trial.halved for trial in trials])
-    field_weights = fitted(field_evidence[whole], field_right[whole], wrong_share)[None]
+    positions, near = references.positions[trials.reference], _NEIGHBOURS_IN_SPACINGS * usual_spacing(references.positions)
+    whole = ~trials.halved
+    field_weights = fitted(trials.field_evidence[whole], trials.field_right[whole], wrong_share)[None]
     refined_weights = np.zeros((2, 6))
-    judged, right = field_evidence, field_right
-    if trials[0].refined_evidence is not None:
-        judged = np.array([trial.refined_evidence for trial in trials])
-        right = np.array([trial.refined_right for trial in trials])
+    judged, right = trials.field_evidence, trials.field_right
+    if _is_refined(trials.refined_evidence[0]):
+        judged, right = trials.refined_evidence, trials.refined_right
         refined_weights = fitted_apart(judged, right, whole, wrong_share)
-    said = out_of_fold(judged, right, whole, positions, _NEIGHBOURS_IN_SPACINGS * spacing, wrong_share)
-    shortfalls = np.array([trial.shortfall for trial in trials if trial.field_right])
-    tolerance = float(np.sqrt(np.mean(shortfalls**2))) if between else _telling_tolerance(trials)
+    said = out_of_fold(judged, right, whole, positions, near, wrong_share)
+    tolerance: float | None
+    if between:
+        tolerance = float(np.sqrt(np.mean(trials.shortfall[trials.field_right] ** 2)))
+    else:
+        tolerance = most_likely_tolerance(trials.shortfall[trials.upright], trials.shortfalls[trials.upright])
     if tolerance is None:
         return None
     return Calibration(
         tolerance,
         field_weights,
         refined_weights,
-        len(trials),
+        len(right),
         log_loss(said, right),
         expected_calibration_error(said, right),
     )
@@ -222,32 +226,30 @@ def right_within(references: ReferencePanoramas) -> float:
     return float(np.clip(_RIGHT_IN_SPACINGS * usual_spacing(references.positions), _LEAST_RIGHT_M, _MOST_RIGHT_M))
 
 
-def _telling_tolerance(trials: Sequence[_Trial]) -> float | None:
-    upright = [trial for trial in trials if trial.upright]
-    return most_likely_tolerance(
-        np.array([trial.shortfall for trial in upright]), np.array([trial.shortfalls for trial in upright])
-    )
+def _is_refined(evidence: Float64) -> bool:
+    return not bool(np.isnan(evidence).any())
 
 
 def _all_trials(
-    held_out: Callable[[int], HeldOut], references: ReferencePanoramas, most_references: int, progress: Progress, threads: int
-) -> list[_Trial]:
+    held_out: Callable[[int], HeldOut],
+    references: ReferencePanoramas,
+    most_references: int,
+    progress: Progress,
+    threads: int,
+    parts: Parts,
+) -> _Trials | None:
     """What models without one reference each make of its images; of references spread evenly over all."""
     if len(references) < 2 or most_references < 2:
-        return []
+        return None
     chosen = np.unique(np.linspace(0, len(references) - 1, most_references).round().astype(np.int64))
-
     within = right_within(references)
 
-    def tried(index: np.int64) -> list[_Trial]:
-        return _trials(held_out(int(index)), references, int(index), within)
+    def tried(number: int) -> list[tuple[Any, ...]]:
+        index = int(chosen[number])
+        return _trials(held_out(index), references, index, within)
 
-    trials: list[_Trial] = []
-    with ThreadPoolExecutor(max_workers=threads) as pool:
-        for done, some in enumerate(pool.map(tried, chosen)):
-            trials += some
-            progress(done + 1, len(chosen), "calibration")
-    return trials
+    columns = parts.listed("calibration", len(chosen), 2 * threads, tried, threads, progress)
+    return _Trials(*columns) if columns else None
 
 
 def most_likely_tolerance(shortfalls: Float64, of_map: Float64) -> float | None:
@@ -269,10 +271,10 @@ def most_likely_tolerance(shortfalls: Float64, of_map: Float64) -> float | None:
     return float(_TOLERANCES[int(np.argmin(losses))]) if min(losses) < -_TELLING else None
 
 
-def _trials(model: HeldOut, references: ReferencePanoramas, index: int, within: float) -> list[_Trial]:
+def _trials(model: HeldOut, references: ReferencePanoramas, index: int, within: float) -> list[tuple[Any, ...]]:
     """Images of a reference, each at a random heading, and what the model without it makes of them; right: ``within`` metres."""
     columns = references.geometry.width
-    trials: list[_Trial] = []
+    trials: list[tuple[Any, ...]] = []
     upright = references.pixels[index]
     mirrored = upright[::-1, ::-1]
     valid = None if references.valid is None else references.valid[index]
@@ -280,7 +282,7 @@ def _trials(model: HeldOut, references: ReferencePanoramas, index: int, within: 
     images += [(condition, _halved(upright, np.random.default_rng([index, 0, n]))) for n, condition in enumerate(HALVED)]
     for number, (condition, image) in enumerate(images):
         of_here, halved = number < len(CONDITIONS), number >= len(CONDITIONS) + len(NOWHERE)
-        if halved and trials and trials[0].refined_evidence is None:
+        if halved and trials and not _is_refined(trials[0][2]):
             # Votes alone do not tell these.
             break
         rng = np.random.default_rng([index, number])
@@ -299,10 +301,10 @@ def _trials(model: HeldOut, references: ReferencePanoramas, index: int, within: 
         refined_right = right if measured is None else of_here and _is_right(measured.pose, pose, within)
         best = max(field.peak.votes, 1e-12)
         trials.append(
-            _Trial(
+            (
                 index,
                 evidence(field if measured is None else field.with_measurement(None)),
-                None if measured is None else evidence(field),
+                np.full(5, np.nan) if measured is None else evidence(field),
                 right,
                 refined_right,
                 of_here,

@@ -106,8 +106,7 @@ class Correlator:
 
     def at(self, places: NDArray[np.int64]) -> Correlator:
         """The same eigenimages, for some of the places."""
-        coefficients = self.coefficients[places]
-        coefficients = coefficients if np.iscomplexobj(coefficients) else complex_of(coefficients)
+        coefficients = complex_of(self.coefficients[places])
         energy, usable = (blocks[places].astype(np.float32, copy=False) for blocks in (self.norms.energy, self.norms.usable))
         for column, place in enumerate(places):
             if place in self.instead:
@@ -117,9 +116,9 @@ class Correlator:
     def with_others(self, others: Mapping[int, OfPlace]) -> Correlator:
         """The same, but for some places."""
         if not np.iscomplexobj(self.coefficients):
-            # Copies of a large map would need its memory once more.
+            # Copies of a large map would need its memory once more: `likeness` asks who is another.
             made = replace(self, instead=others)
-            made.__dict__["codes"] = self._codes_with(others)
+            made.__dict__.update(codes=self.codes, _usual_sizes=self._usual_sizes)
             return made
         arrays = self.coefficients.copy(), self.norms.energy.copy(), self.norms.usable.copy()
         for place, of_place in others.items():
@@ -175,6 +174,10 @@ class Correlator:
             block = slice(first, first + _LIKENESS_BLOCK)
             best[block] = (some_real @ coefficients[:, block]).max(axis=0)
         best /= np.maximum(lengths, np.float32(1e-12))
+        if self.instead:
+            others = np.array(list(self.instead))
+            coefficients, lengths = self._in_usual_sizes(others)
+            best[others] = (some_real @ coefficients).max(axis=0) / np.maximum(lengths, np.float32(1e-12))
         return best
 
     @cached_property
@@ -184,27 +187,27 @@ class Correlator:
         In a cosine, the first eigenimages would count most, which hold the floor and the walls that all places share. So products are
         taken over the usual size of each coefficient. That of the image need not be divided, too.
         """
-        codes, _ = self._codes(_CODE_COMPONENTS)
-        return _in_usual_sizes(codes, self._usual_sizes)
+        count = len(self.coefficients)
+        codes, lengths = np.empty((len(self._usual_sizes), count), np.float32), np.empty(count, np.float32)
+        for block in np.array_split(np.arange(count), count // _LIKENESS_BLOCK + 1):
+            codes[:, block], lengths[block] = self._in_usual_sizes(block)
+        return codes, lengths
 
     @cached_property
     def _usual_sizes(self) -> Float32:
         """Root mean square of the first coefficients over all places, float32 (2 m, 1), twice in a row."""
         squares = [
-            np.square(np.abs(complex_of(block) if np.isrealobj(block) else block)).sum(axis=0, dtype=np.float64)
+            np.square(np.abs(complex_of(block))).sum(axis=0, dtype=np.float64)
             for block in np.array_split(self.coefficients, len(self.coefficients) // _LIKENESS_BLOCK + 1)
         ]
         sizes = np.sqrt(np.sum(squares, axis=0) / len(self.coefficients))[:_CODE_COMPONENTS]
         return np.asarray(np.maximum(np.tile(sizes, 2), 1e-12)[:, None], dtype=np.float32)
 
-    def _codes_with(self, others: Mapping[int, OfPlace]) -> tuple[Float32, Float32]:
-        """`codes`, but for some places."""
-        codes, lengths = (part.copy() for part in self.codes)
-        for place, of_place in others.items():
-            first = of_place.coefficients[: len(codes) // 2]
-            parts = np.concatenate([first.real, first.imag]).astype(np.float32)[:, None]
-            codes[:, place : place + 1], lengths[place : place + 1] = _in_usual_sizes(parts, self._usual_sizes)
-        return codes, lengths
+    def _in_usual_sizes(self, places: NDArray[np.int64]) -> tuple[Float32, Float32]:
+        """First coefficients of some places over their usual sizes, (2 m, c), and their lengths in that metric, (c,)."""
+        codes, _ = self._codes(_CODE_COMPONENTS, places)
+        scaled = codes / self._usual_sizes
+        return scaled, np.sqrt(np.einsum("mc,mc->c", codes, scaled))
 
     @cached_property
     def _first(self) -> tuple[Float32, Float32]:
@@ -215,11 +218,9 @@ class Correlator:
         """First coefficients of all places, or some, float32 (2 m, c), real parts first, and their lengths, (c,)."""
         count = self.real.shape[2]
         which, first = slice(None) if places is None else places, slice(min(most, count))
-        if np.iscomplexobj(self.coefficients):
-            codes = self.coefficients[which, first]
-        else:
-            imaginary = slice(count, count + first.stop)
-            codes = complex_of(np.hstack([self.coefficients[which, first], self.coefficients[which, imaginary]]))
+        codes = self.coefficients[which, first]
+        if not np.iscomplexobj(codes):
+            codes = complex_of(np.hstack([codes, self.coefficients[which, count : count + first.stop]]))
             for row, place in enumerate(range(len(codes)) if places is None else places):
                 if place in self.instead:
                     codes[row] = self.instead[place].coefficients[first]
@@ -246,12 +247,6 @@ class Correlator:
         return frequencies_kept(self.columns, self.bandwidth)
 
 
-def _in_usual_sizes(codes: Float32, sizes: Float32) -> tuple[Float32, Float32]:
-    """Coefficients (2 m, c) over their usual sizes (2 m, 1), and their lengths in that metric, (c,)."""
-    scaled = codes / sizes
-    return scaled, np.sqrt(np.einsum("mc,mc->c", codes, scaled))
-
-
 def frequencies_kept(columns: int, bandwidth: float) -> NDArray[np.int64]:
     """Indices of the lowest row frequencies, both signs, as a transform over all columns orders them."""
     highest = max(1, int(0.5 * bandwidth * columns))
@@ -259,7 +254,9 @@ def frequencies_kept(columns: int, bandwidth: float) -> NDArray[np.int64]:
 
 
 def complex_of(parts: NDArray[Any]) -> Complex64:
-    """Real parts, and after them as many imaginary parts, (k, 2 p), as complex64 (k, p)."""
+    """Real parts, and after them as many imaginary parts, (k, 2 p), as complex64 (k, p); what is complex stays as it is."""
+    if np.iscomplexobj(parts):
+        return parts
     real, imaginary = np.hsplit(parts, 2)
     whole = np.empty(real.shape, dtype=np.complex64)
     whole.real, whole.imag = real, imaginary

@@ -9,7 +9,7 @@ from scipy import fft
 from panoloc_mcl.robot.eigenspace.gradients import orientations
 from panoloc_mcl.robot.eigenspace.pca import eigenspace_of
 from panoloc_mcl.robot.files import Parts
-from panoloc_mcl.robot.observation.correlator import Correlator, frequencies_kept, in_half
+from panoloc_mcl.robot.observation.correlator import Correlator, complex_of, frequencies_kept, in_half
 from panoloc_mcl.robot.observation.overlap import block_energy, block_usable
 from panoloc_mcl.robot.observation.places import Places
 from panoloc_mcl.robot.progress import Progress
@@ -20,6 +20,8 @@ from panoloc_mcl.robot.synthesis import ViewSynthesizer, synthetic_features
 Complex64 = NDArray[np.complex64]
 
 _FEWEST_COMPONENTS, _MOST_COMPONENTS, _PLACES_A_COMPONENT = 60, 200, 8
+# Places whose norms are worked out at once.
+_TOGETHER = 1024
 
 
 def _default_components(places: int) -> int:
@@ -80,13 +82,15 @@ def correlator_of(
         threads,
         parts,
         {"energy": energy, "usable": usable},
+        in_half if large else np.asarray,
     )
+    coefficients = eigenspace.coefficients
     # The norm of a place is that of its coefficients (eq. 4): what the eigenimages do not hold must not count against it.
-    held = np.sum(np.abs(eigenspace.coefficients) ** 2, axis=1)
-    energy *= (held / np.maximum(energy.sum(axis=(1, 2), dtype=np.float32), 1e-12))[:, None, None]
+    for some in np.array_split(np.arange(len(places)), len(places) // _TOGETHER + 1):
+        held = np.sum(np.abs(complex_of(coefficients[some])) ** 2, axis=1)
+        energy[some] *= (held / np.maximum(energy[some].sum(axis=(1, 2), dtype=np.float32), 1e-12))[:, None, None]
     kept = frequencies_kept(columns, settings.bandwidth)
     spectra = np.empty((len(kept), len(eigenspace.eigenimages), rows), dtype=np.complex64)
     for index, eigenimage in enumerate(eigenspace.eigenimages):
         spectra[:, index, :] = fft.fft(eigenimage.reshape(rows, columns), axis=1).conj().T[kept]
-    coefficients = in_half(eigenspace.coefficients) if large else eigenspace.coefficients
     return Correlator.of(spectra, coefficients, energy, usable, columns, settings.bandwidth), eigenspace.kept

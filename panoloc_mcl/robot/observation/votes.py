@@ -150,11 +150,12 @@ class VotesModel:
         )
         most, threads = settings.calibration_references, _threads(settings)
         if model.retrieval is not None:
-            model.retrieval = replace(model.retrieval, count=learned_count(model.held_out, references, most, progress, threads))
+            count = learned_count(model.held_out, references, most, progress, threads, parts)
+            model.retrieval = replace(model.retrieval, count=count)
         between = synthesizer is not None
-        model.calibration = calibrate(model.held_out, references, most, progress, threads, settings.wrong_share, between)
+        model.calibration = calibrate(model.held_out, references, most, progress, threads, settings.wrong_share, between, parts)
         if synthesizer is not None:
-            synthesizer.errors = learn_source_errors(synthesizer, settings, most, progress, threads, DIM)
+            synthesizer.errors = learn_source_errors(synthesizer, settings, most, progress, threads, DIM, parts)
             model.notes += synthesizer.errors.notes
         return model
 
@@ -303,7 +304,7 @@ class VotesModel:
             of_places = self._correlator.coefficients[others_than], norms.energy[others_than], norms.usable[others_than]
             return self._with(left, self._correlator.of_places(*of_places), None)
         references = self._synthesizer.references
-        others = self._synthesizer.of(np.delete(np.arange(len(references)), reference))
+        others = self._synthesizer.without(reference)
         nearest = cKDTree(references.positions).query(self.places.positions)[1]
         # Off the grid that the references may lie on, as robots are.
         moved = self.places.spacing * np.random.default_rng(reference).uniform(-0.5, 0.5, 2)

@@ -7,7 +7,7 @@ A neighbour behind a wall never agrees and has no say.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -78,18 +78,16 @@ def sweep_profiles(
     alike = int(np.unique(references.positions, axis=0, return_counts=True)[1].max())
     wanted = min(settings.virtual_places.neighbours + alike, count)
 
-    def profile_of(index: int) -> Float64:
-        if neighbours is not None:
-            return _profile(index, list(neighbours[index]), synthesizer, settings)
+    def profile_of(index: int) -> Iterator[tuple[Float64]]:
+        around = nearest_to(index) if neighbours is None else list(neighbours[index])
+        yield (_profile(index, around, synthesizer, settings),)
+
+    def nearest_to(index: int) -> list[int]:
         distances, nearest = (np.atleast_1d(part) for part in tree.query(references.positions[index], k=wanted))
         around = [int(n) for d, n in zip(distances, nearest, strict=True) if n != index and d > 0.0]
-        return _profile(index, around[: settings.virtual_places.neighbours], synthesizer, settings)
+        return around[: settings.virtual_places.neighbours]
 
-    profiles = np.empty((count, columns))
-    parts.rows(
-        "depths", profiles, profile_of, threads, _KEPT_TOGETHER, lambda done: progress(done, count, "depth of references")
-    )
-    return profiles
+    return parts.listed("depth of references", count, _KEPT_TOGETHER, profile_of, threads, progress)[0]
 
 
 def core_rows(geometry: PanoramaGeometry) -> slice:

@@ -12,7 +12,6 @@ the held-out references were, which lack the nearest; and that a held-out refere
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.robot.camera import Panorama
 from panoloc_mcl.robot.eigenspace.gradients import orientations
+from panoloc_mcl.robot.files import Parts
 from panoloc_mcl.robot.geometry import angle_difference
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.settings.observation import VotesSettings
@@ -52,6 +52,7 @@ _SMALLEST, _LARGEST = 1e-9, 0.1
 _FACTORS = (0.5, 25.0)
 # How far errors of several sources average out depends on how large they are, which is told by how far they average out.
 _ROUNDS, _SHARPNESS = 3, 2.0
+_NOTHING_KEPT = Parts()
 # Depths of the sources were swept with the held-out reference, too, and hide some of what its pose is off. Swept anew without it, its
 # position was off by exp(0.11) times as much in the median, its heading by 1.3 times (rendered hall, 11 and 14 of its references off by
 # 5 and 2 cm, 2 and 1 degrees): so much of the variances of position and heading.
@@ -84,6 +85,7 @@ def learn_source_errors(
     progress: Progress = no_progress,
     threads: int = 1,
     relit: _Relit | None = None,
+    parts: Parts = _NOTHING_KEPT,
 ) -> SourceErrors:
     """Learn from references that are held out one by one.
 
@@ -98,6 +100,8 @@ def learn_source_errors(
         References at work at once; the result does not depend on it.
     relit : callable (image, generator), optional
         The 8-bit image in other light; None: as it is only.
+    parts : Parts
+        Where what is done is kept.
 
     Returns
     -------
@@ -108,13 +112,12 @@ def learn_source_errors(
     if len(usable) < 2 or most_references < 2:
         return UNKNOWN
     chosen = usable[np.unique(np.linspace(0, len(usable) - 1, _HELD_OUT * most_references).round().astype(np.int64))]
-    trials: list[Trial] = []
-    with ThreadPoolExecutor(max_workers=threads) as pool:
-        for done, some in enumerate(
-            pool.map(lambda index: list(_trials(synthesizer, settings, int(index), usable, relit)), chosen)
-        ):
-            trials += some
-            progress(done + 1, len(chosen), "errors of the map")
+
+    def tried(number: int) -> Iterator[Trial]:
+        return _trials(synthesizer, settings, int(chosen[number]), usable, relit)
+
+    columns = parts.listed("errors of the map", len(chosen), 2 * threads, tried, threads, progress)
+    trials = [Trial(*row) for row in zip(*columns, strict=True)]
     # An error of the heading displaces all that is seen by as much, one of the position the less the farther it is.
     pixels = synthesizer.references.geometry.width / (2.0 * np.pi)
     return explain(trials, np.array([pixels / float(np.median(synthesizer.profiles)), pixels]))

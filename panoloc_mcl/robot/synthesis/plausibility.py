@@ -159,7 +159,7 @@ def check_poses(
         odd = ~fitting
     doubts: dict[int, str] = {}
     if 0 < odd.sum() <= max(1.0, _MOST_ODD * len(odd)):
-        doubts = dict(_found_elsewhere(synthesizer, odd, fits, spacing, settings))
+        doubts = dict(_found_elsewhere(synthesizer, odd, fits, spacing, settings, progress, threads, parts))
     doubted = none.copy()
     doubted[list(doubts)] = True
     return PoseCheck(fits.warped, fits.unwarped, True, tuple(doubts.values()), doubted, ~fitting | doubted)
@@ -184,7 +184,7 @@ def agreements(
     limit = max(_FAR_IN_SPACINGS * usual_spacing(distinct), _FAR_M)
     features = lru_cache(maxsize=_KEPT_FEATURES)(lambda index: orientations(references.panorama(index), settings))
 
-    def best(index: int) -> tuple[float, float, float, float]:
+    def best(index: int) -> Iterator[tuple[float, float, float, float]]:
         position = references.positions[index]
         distances, nearest = tree.query(position, k=min(_NEIGHBOURS + 1, len(distinct)))
         found = [(np.nan,) * 4]
@@ -198,11 +198,9 @@ def agreements(
             apart = round(_OTHER_TURN_DEG * len(turns) / 360.0)
             others = float(turns[apart + 1 : len(turns) - apart].max())
             found.append((_agreement(mine, view), _agreement(mine, features(neighbour)), float(turns[0]), others))
-        return max(found[1:] or found)
+        yield max(found[1:] or found)
 
-    rows = np.empty((count, 4))
-    parts.rows("fits", rows, best, threads, _KEPT_TOGETHER, lambda done: progress(done, count, "poses of references"))
-    return Fits(*rows.T)
+    return Fits(*parts.listed("poses of references", count, _KEPT_TOGETHER, best, threads, progress))
 
 
 def _turns(image: Complex64, view: Complex64) -> Float64:
@@ -245,7 +243,14 @@ def _coarse_spectrum(z: Complex64) -> Complex64:
 
 
 def _found_elsewhere(
-    synthesizer: ViewSynthesizer, odd: Bool, fits: Fits, spacing: float, settings: VotesSettings
+    synthesizer: ViewSynthesizer,
+    odd: Bool,
+    fits: Fits,
+    spacing: float,
+    settings: VotesSettings,
+    progress: Progress,
+    threads: int,
+    parts: Parts,
 ) -> Iterator[tuple[int, str]]:
     """Each odd reference whose image fits a view of another pose clearly better than that of its own, and a line that says so."""
     references = synthesizer.references
@@ -260,18 +265,27 @@ def _found_elsewhere(
     wanted = _worth_a_look(images, trusted, places, spacing, settings)
     for row, beside in enumerate(cKDTree(places).query_ball_point(references.positions[indices], _SAME_POSE_M)):
         wanted[row, beside] = True
-    scores, headings, own = np.zeros((len(indices), len(places))), np.zeros((len(indices), len(places))), np.zeros(len(indices))
-    for place in np.flatnonzero(wanted.any(axis=0)).tolist():
+    looked_at = np.flatnonzero(wanted.any(axis=0))
+
+    def compared(index: int) -> Iterator[tuple[int, int, float, float, float]]:
+        place = int(looked_at[index])
         position = places[place]
         view, _ = synthetic_features(trusted, position, settings)
         for row in np.flatnonzero(wanted[:, place]).tolist():
-            turns = _turns(images[row], view)
+            turns, own = _turns(images[row], view), 0.0
             turn = wrap_angle(2.0 * np.pi * np.arange(len(turns)) / len(turns))
             if np.hypot(*(position - references.positions[indices[row]])) <= _SAME_POSE_M:
                 same = np.abs(turn) <= _SAME_POSE_RAD
-                own[row] = max(own[row], float(turns[same].max()))
+                own = float(turns[same].max())
                 turns[same] = 0.0
-            headings[row, place], scores[row, place] = turn[np.argmax(turns)], turns.max()
+            yield row, place, float(turns.max()), float(turn[np.argmax(turns)]), own
+
+    rows, at, score, heading, same = parts.listed(
+        "references elsewhere", len(looked_at), _KEPT_TOGETHER, compared, threads, progress
+    )
+    scores, headings, own = np.zeros((len(indices), len(places))), np.zeros((len(indices), len(places))), np.zeros(len(indices))
+    scores[rows, at], headings[rows, at] = score, heading
+    np.maximum.at(own, rows, same)
     for row, index in enumerate(indices.tolist()):
         best = int(np.argmax(scores[row]))
         score, farther = scores[row, best], np.hypot(*(places - places[best]).T) > _RIVAL_IN_SPACINGS * spacing

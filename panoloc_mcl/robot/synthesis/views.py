@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 from typing import Any
 
@@ -26,6 +26,7 @@ _VIEW_SD_M = 0.005
 # cv2.remap interpolates between neighbouring columns only.
 MARGIN = 4
 _KEPT_IMAGES = 64
+_NOWHERE_M = 1e9
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,6 +133,12 @@ class ViewSynthesizer:
     def of(self, indices: NDArray[np.int64]) -> ViewSynthesizer:
         """A synthesiser that has some of the references only."""
         return ViewSynthesizer(self.references.of(indices), self.profiles[indices], self.camera_height_m, self.alone[indices])
+
+    def without(self, reference: int) -> ViewSynthesizer:
+        """A synthesiser as though a reference had never been taken: arrays are shared, and it stands where nobody looks."""
+        positions, alone = self.references.positions.copy(), self.alone.copy()
+        positions[reference], alone[reference] = _NOWHERE_M, True
+        return ViewSynthesizer(replace(self.references, positions=positions), self.profiles, self.camera_height_m, alone)
 
     def profile_at(self, source: int, position: Float64) -> Float64:
         """Wall profile of a reference as seen from another position, float64 (columns,), metres."""

@@ -57,16 +57,16 @@ def build(count: int, columns: int = COLUMNS, progress: Progress = no_progress) 
     votes = {"columns": columns, "doubted_references": "keep", "virtual_places": {"threads": 1}}
     observation = ObservationSettings(votes=VotesSettings.model_validate(votes))
     # What is done is kept: a build that was stopped goes on.
-    unfinished = path.with_suffix(".unfinished")
+    parts = path.with_suffix(".parts")
     with threadpool_limits(1, user_api="blas"):
-        model = VotesModel.build(references, observation.votes, 0, progress, unfinished)
+        model = VotesModel.build(references, observation.votes, 0, progress, parts)
     camera = PanoramaCamera(elevation_deg=ELEVATION_DEG, height_m=HEIGHT_M)
     keyframes = Keyframes.surveyed(names, np.pad(positions, ((0, 0), (0, 1))))
     made = PanoramaMap(
         f"{count} rooms", references, camera, shape.shape[::-1], observation, 0, model.arrays(), keyframes, model.notes
     )
     made.save(path)
-    shutil.rmtree(unfinished)
+    shutil.rmtree(parts)
     return path
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -148,9 +149,9 @@ def _maps(
             built = PanoramaMap.build(dataset, *made)
         else:
             # What was stopped goes on.
-            unfinished = path.with_suffix(".unfinished")
-            built = PanoramaMap.of_drives(dataset.name, drives_of(erring, names)[0], *made, unfinished=unfinished)
-            unfinished.unlink(missing_ok=True)
+            parts = path.with_suffix(".parts")
+            built = PanoramaMap.of_drives(dataset.name, drives_of(erring, names)[0], *made, unfinished=parts)
+            shutil.rmtree(parts, ignore_errors=True)
         built.save(path)
         return built
 
@@ -159,9 +160,9 @@ def _maps(
         return {"": (built, built.notes)}, []
     base, later = row.drives
     before = of([base])
-    unfinished = _kept(config, dataset, row, seed, None, "unfinished")
-    done = update_map(before, drives_of(erring, [later])[0], config.map, progress, unfinished)
-    unfinished.unlink(missing_ok=True)
+    parts = _kept(config, dataset, row, seed, None, "parts")
+    done = update_map(before, drives_of(erring, [later])[0], config.map, progress, parts)
+    shutil.rmtree(parts, ignore_errors=True)
     maps = {f"of {base}": (before, ()), "updated": (done.panorama_map, done.notes), f"of {later} alone": (of([later]), ())}
     return maps, []
 

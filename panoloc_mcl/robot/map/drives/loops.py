@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from panoloc_mcl.robot.files import Parts
 from panoloc_mcl.robot.geometry import angle_difference, between, compose, wrap_angle
 from panoloc_mcl.robot.map.drives.likeness import Likeness
 from panoloc_mcl.robot.map.keyframes import LOOP, Edges
@@ -29,6 +30,7 @@ _BLOCK_ROWS, _BLOCK_COLUMNS = 5, 3
 _PARTNERS = 2
 # Both directions must agree.
 _SAME_M, _SAME_RAD = 0.08, np.radians(2.0)
+_NOTHING_KEPT = Parts()
 
 
 def proposed(
@@ -85,6 +87,7 @@ def verified(
     sufficient: float,
     progress: Progress = no_progress,
     threads: int = 1,
+    parts: Parts = _NOTHING_KEPT,
 ) -> Edges:
     """Edges of those pairs whose images agree, in both directions.
 
@@ -100,16 +103,18 @@ def verified(
         Agreement (cosine) of a pair that counts.
     progress : callable (done, total, what)
     threads : int
+    parts : Parts
+        Where what is done is kept.
     """
     if not len(pairs):
         return Edges.none()
     starts = np.column_stack([np.zeros((len(pairs), 2)), turns])
-    there = measure_pairs(synthesizer, pairs, starts, settings, False, progress, threads)
+    there = measure_pairs(synthesizer, pairs, starts, settings, False, progress, threads, parts)
     good = there.agreement >= sufficient
     if not good.any():
         return Edges.none()
     back_starts = between(there.relative[good], np.zeros(3))
-    back = measure_pairs(synthesizer, pairs[good][:, ::-1], back_starts, settings, True, progress, threads)
+    back = measure_pairs(synthesizer, pairs[good][:, ::-1], back_starts, settings, True, progress, threads, parts)
     closed = compose(there.relative[good], back.relative)
     same = (np.hypot(closed[:, 0], closed[:, 1]) < _SAME_M) & (np.abs(closed[:, 2]) < _SAME_RAD)
     kept = np.flatnonzero(good)[same & (back.agreement >= sufficient)]

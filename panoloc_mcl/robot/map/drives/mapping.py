@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.robot.errors import MapError
+from panoloc_mcl.robot.files import Parts
 from panoloc_mcl.robot.geometry import between, wrap_angle
 from panoloc_mcl.robot.map.drives.choice import keyframes_of, references_of, that_show_something
 from panoloc_mcl.robot.map.drives.drift import straightened
@@ -22,7 +23,6 @@ from panoloc_mcl.robot.map.drives.drive import Drive, check_drives
 from panoloc_mcl.robot.map.drives.likeness import Likeness
 from panoloc_mcl.robot.map.drives.loops import proposed, verified
 from panoloc_mcl.robot.map.drives.meetings import meeting
-from panoloc_mcl.robot.map.drives.stages import Stage, Stages
 from panoloc_mcl.robot.map.keyframes import BELIEVED, LOOP, ODOMETRY, Edges, Keyframes, is_still
 from panoloc_mcl.robot.map.mending import Mended, robot_edges
 from panoloc_mcl.robot.map.pairs import measure_pairs, neighbour_pairs
@@ -70,32 +70,40 @@ def map_drives(
     settings : MapSettings
     progress : callable (done, total, what)
     unfinished : Path, optional
-        Where stages that are done are kept; if the file is there and of the same drives, it goes on after the last of them.
+        A folder where what is done is kept, so that a build that was stopped goes on.
 
     Raises
     ------
     MapError, ImageError, OutputError
-        Drives that no map can be made of; images that cannot be read; stages that cannot be kept.
+        Drives that no map can be made of; images that cannot be read; parts that cannot be kept.
     """
     notes = list(check_drives(drives))
     chosen = [keyframes_of(drive, votes, settings.keyframe_distance_m, notes) for drive in drives]
-    return _Mapping(chosen, votes, settings, progress, notes).run(Stages(unfinished, chosen, votes, settings))
+    return _Mapping(chosen, votes, settings, progress, notes, unfinished).run()
 
 
 class _Mapping:
     """The state between rounds; arrays are over all keyframes, drive after drive."""
 
     def __init__(
-        self, drives: list[Drive], votes: VotesSettings, settings: MapSettings, progress: Progress, notes: list[str]
+        self,
+        drives: list[Drive],
+        votes: VotesSettings,
+        settings: MapSettings,
+        progress: Progress,
+        notes: list[str],
+        unfinished: Path | None,
     ) -> None:
         self.votes, self.settings, self.progress, self.notes = votes, settings, progress, notes
         self.threads = votes.virtual_places.threads or os.cpu_count() or 1
         self._read(drives)
         self.edges = self.solved = Edges.none()
         self.covariances = np.zeros((len(self.poses), 3, 3))
-        self.settled = False
         # Headings by which the panoramas at hand were turned to 0.
         self._turned: Float64 = self.poses[:, 2].copy()
+        said = f"{votes.model_dump_json()} {settings.model_dump_json(exclude={'file'})}"
+        odometry = self.odometry.measured, self.odometry.covariances, self.owner
+        self.parts = Parts(unfinished, "" if unfinished is None else self._panoramas().digest(said, self.given, *odometry))
 
     def _read(self, drives: list[Drive]) -> None:
         kept = [seen for drive in drives if len((seen := that_show_something(drive, self.notes, self.progress)).files) >= 2]
@@ -113,56 +121,19 @@ class _Mapping:
             self.odometry = self.odometry.joined(drive.at(mounting.camera_poses(drive.odometry)).edges(int(start)))
         #: Drives that are in the map's frame already; the others wait until they meet.
         self.anchored = [0]
-        #: Of those given, the ones that the map is made of.
-        self.kept_drives = list(range(len(kept)))
 
-    def run(self, stages: Stages) -> Mended:
+    def run(self) -> Mended:
         """Along the way, loops, and rounds among all that are near."""
-        done, synthesizer, sufficient = self._resumed(stages)
-        if done < 1:
-            synthesizer, sufficient = self._along_the_way()
-            if self._meet(synthesizer, sufficient):
-                synthesizer = self._synthesizer(None)
-            views = (self._turned, synthesizer.references.positions, synthesizer.profiles)
-            stages.keep(replace(self._stage(1), sufficient=sufficient, views=views))
-        if done < 2:
-            assert synthesizer is not None
-            self._close_loops(synthesizer, sufficient)
-            stages.keep(self._stage(2))
-        for number in range(max(1, self.settings.rounds - 2)):
-            if self.settled or done >= 3 + number:
-                continue
+        synthesizer, sufficient = self._along_the_way()
+        if self._meet(synthesizer, sufficient):
+            synthesizer = self._synthesizer(None)
+        self._close_loops(synthesizer, sufficient)
+        for _ in range(max(1, self.settings.rounds - 2)):
             before = self.poses.copy()
             self._among_the_near()
-            self.settled = is_still(before, self.poses, _STILL_M, _STILL_RAD)
-            stages.keep(self._stage(3 + number))
+            if is_still(before, self.poses, _STILL_M, _STILL_RAD):
+                break
         return self._result()
-
-    def _resumed(self, stages: Stages) -> tuple[int, ViewSynthesizer | None, float]:
-        """The last stage that was done, and what the next needs of it."""
-        stage = stages.last()
-        if stage is None:
-            return 0, None, 0.0
-        self._keep(np.flatnonzero(np.isin(self.owner, stage.drives)), stage.drives)
-        self.anchored = list(range(len(self.drives)))
-        self.notes, self.settled = stage.notes, stage.settled
-        self.poses, self.covariances = stage.poses, stage.covariances
-        self._take(stage.edges)
-        if stage.views is None:
-            return stage.number, None, 0.0
-        self._turned, at, profiles = stage.views
-        self.panoramas = read_references(self._whole().moved_to(np.column_stack([at, self._turned])), self.progress)
-        assert self.panoramas.camera_height_m is not None
-        synthesizer = ViewSynthesizer(replace(self.panoramas, positions=at), profiles, self.panoramas.camera_height_m)
-        return stage.number, synthesizer, stage.sufficient
-
-    def _stage(self, number: int) -> Stage:
-        return Stage(number, self.kept_drives, self.notes, self.settled, self.poses, self.covariances, self.solved)
-
-    def _take(self, edges: Edges) -> None:
-        """Edges of the graph that was solved."""
-        self.solved = edges
-        self.edges = edges.chosen(edges.kinds != ODOMETRY)
 
     def _along_the_way(self) -> tuple[ViewSynthesizer, float]:
         """Depths and relative poses from keyframes before and after, again from the poses that these give."""
@@ -195,9 +166,8 @@ class _Mapping:
             for drive in waiting:
                 theirs = np.flatnonzero(np.isin(self.owner, self.anchored))
                 mine = np.flatnonzero(self.owner == drive)
-                found = meeting(
-                    synthesizer, likeness, self.poses, self._turned, theirs, mine, self.votes, sufficient, self.threads
-                )
+                known = synthesizer, likeness, self.poses, self._turned
+                found = meeting(*known, theirs, mine, self.votes, sufficient, self.threads, self.parts)
                 if found is not None:
                     self.poses[mine] = found
                     self.anchored.append(drive)
@@ -221,7 +191,7 @@ class _Mapping:
         """Go on with some keyframes (whole drives) only."""
         self.edges, self.odometry = self.edges.among(kept), self.odometry.among(kept)
         self.poses, self.given, self.owner = self.poses[kept], self.given[kept], self.owner[kept]
-        self.drives, self.kept_drives = [self.drives[drive] for drive in drives], drives
+        self.drives = [self.drives[drive] for drive in drives]
         self.owner = np.searchsorted(drives, self.owner)
         self.starts = np.concatenate([[0], np.cumsum([len(drive.files) for drive in self.drives])])
 
@@ -241,7 +211,8 @@ class _Mapping:
                 np.minimum(_GATE_RAD + _GATE_RAD_PER_M * way, _WIDEST_RAD),
                 apart,
             )
-            loops = verified(synthesizer, pairs, turns, self._turned, self.votes, sufficient, self.progress, self.threads)
+            made = self.votes, sufficient, self.progress, self.threads, self.parts
+            loops = verified(synthesizer, pairs, turns, self._turned, *made)
             self.edges = self.edges.chosen(self.edges.kinds != LOOP).joined(loops)
             before = self.poses.copy()
             self._solve()
@@ -289,8 +260,8 @@ class _Mapping:
             if drive == 0 or drive not in self.anchored:
                 sds[self.starts[drive]] = 1e-4
         solution = solve(self.poses, self.odometry.joined(self.edges), Priors(self.poses.copy(), sds, robust=False))
-        self.poses, self.covariances = solution.poses, solution.covariances
-        self._take(solution.edges)
+        self.poses, self.covariances, self.solved = solution.poses, solution.covariances, solution.edges
+        self.edges = self.solved.chosen(self.solved.kinds != ODOMETRY)
 
     def _panoramas(self) -> ReferencePanoramas:
         self._turned = self.poses[:, 2].copy()
@@ -300,14 +271,14 @@ class _Mapping:
         """Edges of pairs that agree, and the agreement that is sufficient."""
         panorama = np.column_stack([self.poses[:, :2], wrap_angle(self.poses[:, 2] - self._turned)])
         starts = between(panorama[pairs[:, 0]], panorama[pairs[:, 1]])
-        measured = measure_pairs(synthesizer, pairs, starts, self.votes, near, self.progress, self.threads)
+        measured = measure_pairs(synthesizer, pairs, starts, self.votes, near, self.progress, self.threads, self.parts)
         sufficient = _LEAST_SHARE * float(np.median(measured.agreement))
         return robot_edges(measured, self._turned, sufficient), sufficient
 
     def _synthesizer(self, neighbours: list[list[int]] | None) -> ViewSynthesizer:
         references = replace(self.panoramas, positions=np.ascontiguousarray(self.poses[:, :2]))
         assert references.camera_height_m is not None
-        made = self.votes, self.progress, self.threads, neighbours
+        made = self.votes, self.progress, self.threads, neighbours, self.parts
         profiles = sweep_profiles(references, references.camera_height_m, *made)
         return ViewSynthesizer(references, profiles, references.camera_height_m)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from panoloc_mcl.robot.files import Parts
 from panoloc_mcl.robot.geometry import angle_difference, compose, inverse, wrap_angle
 from panoloc_mcl.robot.map.drives.likeness import Likeness
 from panoloc_mcl.robot.map.pairs import measure_pairs
@@ -21,6 +22,7 @@ _SAME_M, _SAME_RAD = 0.5, np.radians(8.0)
 _FEWEST, _LEAD = 4, 1.5
 # Keyframes that agree must lie this far from each other: one place may look like another by chance, a way does not.
 _SPREAD_M = 1.0
+_NOTHING_KEPT = Parts()
 
 
 def meeting(
@@ -33,6 +35,7 @@ def meeting(
     settings: VotesSettings,
     sufficient: float,
     threads: int = 1,
+    parts: Parts = _NOTHING_KEPT,
 ) -> Float64 | None:
     """Poses of a drive's keyframes in the frame of others; None where it never meets them, or nobody can say where.
 
@@ -50,6 +53,8 @@ def meeting(
     sufficient : float
         Agreement (cosine) of a pair that counts.
     threads : int
+    parts : Parts
+        Where what is done is kept.
     """
     sampled = mine[np.unique(np.linspace(0, len(mine) - 1, min(len(mine), _MOST)).round().astype(np.int64))]
     pairs, turns = [], []
@@ -60,7 +65,7 @@ def meeting(
             pairs.append((int(theirs[row]), int(index)))
             turns.append(2.0 * np.pi * int(np.argmax(scores[row])) / likeness.columns)
     starts = np.column_stack([np.zeros((len(pairs), 2)), wrap_angle(turns)])
-    measured = measure_pairs(synthesizer, np.array(pairs), starts, settings, threads=threads)
+    measured = measure_pairs(synthesizer, np.array(pairs), starts, settings, threads=threads, parts=parts)
     good = measured.agreement >= sufficient
     if good.sum() < _FEWEST:
         return None

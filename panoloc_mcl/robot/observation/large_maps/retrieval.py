@@ -9,7 +9,6 @@ another code, and would be one more library on the robot.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -18,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.robot.camera import Panorama
+from panoloc_mcl.robot.files import Parts
 from panoloc_mcl.robot.observation.calibration import CONDITIONS, DIM, dark_and_noisy
 from panoloc_mcl.robot.observation.correlator import Correlator
 from panoloc_mcl.robot.observation.large_maps.asked import SPREAD, Asked, evenly
@@ -44,6 +44,7 @@ _CONDITIONS = (*(condition for condition in CONDITIONS if condition is not dark_
 _FOUND_IN_SPACINGS = 2.0
 # While tracking: places around the robot, so many spacings far, and those that stand for the rest.
 _NEAR_IN_SPACINGS, _GLANCED_AT = 8.0, 1024
+_NOTHING_KEPT = Parts()
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +113,7 @@ def learned_count(
     most_references: int,
     progress: Progress = no_progress,
     threads: int = 1,
+    parts: Parts = _NOTHING_KEPT,
 ) -> int:
     """How many places a map must retrieve, learnt from references that are held out one by one (see `enough`).
 
@@ -125,20 +127,21 @@ def learned_count(
     progress : callable (done, total, what)
     threads : int
         References at work at once; the result does not depend on it.
+    parts : Parts
+        Where what is done is kept.
     """
     chosen = evenly(_TIMES_AS_MANY * most_references, len(references))
 
-    def ranks_of(index: np.int64) -> list[int]:
-        model, position = held_out(int(index)), references.positions[index]
-        found = (model.rank(panorama, position) for panorama in _images_of(references, int(index)))
-        return [rank for rank in found if rank is not None]
+    def ranks_of(number: int) -> Iterator[tuple[int]]:
+        index = int(chosen[number])
+        model, position = held_out(index), references.positions[index]
+        for panorama in _images_of(references, index):
+            rank = model.rank(panorama, position)
+            if rank is not None:
+                yield (rank,)
 
-    ranks: list[int] = []
-    with ThreadPoolExecutor(max_workers=threads) as pool:
-        for done, some in enumerate(pool.map(ranks_of, chosen)):
-            ranks += some
-            progress(done + 1, len(chosen), "retrieval")
-    return enough(ranks)
+    ranks = parts.listed("retrieval", len(chosen), 4 * threads, ranks_of, threads, progress)
+    return enough(ranks[0].tolist() if ranks else [])
 
 
 def _images_of(references: ReferencePanoramas, index: int) -> Iterator[Panorama]:

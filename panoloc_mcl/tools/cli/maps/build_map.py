@@ -43,7 +43,7 @@ def execute(args: argparse.Namespace) -> int:
     from panoloc_mcl.tools.runs.map_drives import drives_of
 
     # A build that is stopped goes on from here the next time.
-    unfinished, parts = Path(f"{args.output}.unfinished"), Path(f"{args.output}.parts")
+    parts = Path(f"{args.output}.parts")
     named = [Override("dataset", args.dataset, args.dataset)]
     config = config_from_mapping({}, "build-map", overrides_of(args, named))
     with monitor() as watching:
@@ -57,7 +57,7 @@ def execute(args: argparse.Namespace) -> int:
             for recorded in dataset.select(args.drives):
                 for finding in drive_findings(recorded):
                     watching.notice(finding)
-            built = PanoramaMap.of_drives(dataset.name, drives, *made, unfinished=unfinished)
+            built = PanoramaMap.of_drives(dataset.name, drives, *made, unfinished=parts)
         else:
             findings = reference_findings(dataset.references)
             if findings and not args.as_written:
@@ -68,7 +68,6 @@ def execute(args: argparse.Namespace) -> int:
         for note in built.notes:
             watching.notice(f"map: {note}")
         built.save(args.output)
-        unfinished.unlink(missing_ok=True)
         shutil.rmtree(parts, ignore_errors=True)
     report(built, args.output, args.json)
     return 0

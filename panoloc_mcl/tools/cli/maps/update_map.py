@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shutil
 from pathlib import Path
 
 from panoloc_mcl.tools.cli.command import Command, add_json_option, add_set_option, overrides_of
@@ -37,13 +38,13 @@ def execute(args: argparse.Namespace) -> int:
         for line in said:
             watching.notice(line)
         # An update that is stopped goes on from here the next time.
-        unfinished = Path(f"{path}.unfinished")
-        done = update_map(old, drives, config.map, watching.progress, unfinished)
+        parts = Path(f"{path}.parts")
+        done = update_map(old, drives, config.map, watching.progress, parts)
         for line in done.notes:
             watching.notice(line)
         if done.changed or args.output is not None:
             done.panorama_map.save(path)
-        unfinished.unlink(missing_ok=True)
+        shutil.rmtree(parts, ignore_errors=True)
     report(done.panorama_map, path, args.json, changed=done.changed, done=list(done.notes))
     return 0
 

@@ -1,5 +1,6 @@
 """Maps from drives, on the small room's drive, whose true poses are known, and on drives that cannot become one."""
 
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,8 +12,7 @@ from panoloc_mcl.robot.errors import MapError
 from panoloc_mcl.robot.geometry import angle_difference
 from panoloc_mcl.robot.map.drives import Drive, check_drives
 from panoloc_mcl.robot.map.drives.mapping import map_drives
-from panoloc_mcl.robot.map.drives.stages import Stage, Stages
-from panoloc_mcl.robot.map.keyframes import ODOMETRY
+from panoloc_mcl.robot.map.keyframes import ODOMETRY, Keyframes
 from panoloc_mcl.robot.settings.map import MapSettings
 from panoloc_mcl.robot.settings.observation import VotesSettings
 from panoloc_mcl.tools.datasets import Dataset
@@ -118,29 +118,35 @@ def test_a_build_that_was_stopped_goes_on_and_gives_the_same(small_room: Dataset
     made = ([drive], VotesSettings(), MapSettings(file=None))
     whole = map_drives(*made).keyframes
 
-    for stage in (1, 2, 3):
-        path = tmp_path / f"{stage}.unfinished"
-        keep = Stages.keep
-        kept: list[int] = []
+    def told_of(folder: Path, last: int = -1) -> tuple[Keyframes | None, list[str]]:
+        """Keyframes, and the works that were told of; stopped at the end of one of them."""
+        told: list[str] = []
 
-        def stop(self: Stages, done: Stage, last: int = stage, keep=keep, kept=kept) -> None:
-            keep(self, done)
-            kept.append(done.number)
-            if done.number == last:
-                raise KeyboardInterrupt
+        def progress(done: int, total: int, what: str) -> None:
+            if what != "references" and done == total:
+                told.append(what)
+                if len(told) == last:
+                    raise KeyboardInterrupt
 
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(Stages, "keep", stop)
-            with pytest.raises(KeyboardInterrupt):
-                map_drives(*made, unfinished=path)
-        assert kept[-1] == stage
-        resumed = map_drives(*made, unfinished=path).keyframes
+        with suppress(KeyboardInterrupt):
+            return map_drives(*made, progress, folder).keyframes, told
+        return None, told
+
+    _, works = told_of(tmp_path / "whole")
+    assert {"depth of references", "pairs of keyframes"} == set(works)
+    for stopped_at in range(1, len(works) + 1):
+        path = tmp_path / f"{stopped_at}"
+        assert told_of(path, stopped_at)[0] is None
+        resumed, told = told_of(path)
+        # What was told of last was not kept any more.
+        assert told == works[stopped_at - 1 :]
+        assert resumed is not None
         np.testing.assert_array_equal(resumed.poses, whole.poses)
         np.testing.assert_array_equal(resumed.covariances, whole.covariances)
         np.testing.assert_array_equal(resumed.edges.measured, whole.edges.measured)
     # Of another drive nothing is taken.
-    other = replace(drive, odometry=drive.odometry + np.array([0.0, 0.0, 0.1]))
-    assert Stages(path, [other], *made[1:]).last() is None
+    made = ([replace(drive, odometry=drive.odometry + np.array([0.0, 0.0, 0.1]))], *made[1:])
+    assert told_of(path)[1][:2] == works[:2]
 
 
 @pytest.mark.slow

@@ -69,7 +69,7 @@ def test_parts_of_other_references_and_damaged_ones_are_made_anew(tmp_path: Path
 
     assert squares("one") == squares("one") == [n * n for n in range(10)]
     assert made == [slice(0, 4), slice(4, 8), slice(8, 10)]
-    (tmp_path / "some-4-8.npz").write_bytes(b"damaged")
+    (tmp_path / "one-some-1-4-8.npz").write_bytes(b"damaged")
     assert squares("one") == [n * n for n in range(10)]
     assert made[3:] == [slice(4, 8)]
     assert squares("other") == [n * n for n in range(10)]
