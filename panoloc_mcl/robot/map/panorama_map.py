@@ -21,7 +21,7 @@ from panoloc_mcl.robot.map.drives.mapping import map_drives
 from panoloc_mcl.robot.map.headings import with_headings
 from panoloc_mcl.robot.map.keyframes import Keyframes
 from panoloc_mcl.robot.map.mending import Mended, mend
-from panoloc_mcl.robot.observation import ObservationModel, Places, build_settings, model_named
+from panoloc_mcl.robot.observation import ObservationModel, Places, differences, model_named
 from panoloc_mcl.robot.observation.base import Arrays
 from panoloc_mcl.robot.observation.scale import references_at, resolution_of
 from panoloc_mcl.robot.progress import Progress, no_progress
@@ -190,11 +190,22 @@ class PanoramaMap:
         return self.references.geometry
 
     def observation_model(self, observation: ObservationSettings | None = None) -> ObservationModel:
-        """The observation model: restored if it was built with these settings, otherwise computed from the references."""
+        """The observation model: restored if it was built with these settings (its own if left out), otherwise computed anew.
+
+        Then a warning names what differs, as this takes as long as building the map.
+        """
         observation = observation or self.observation
         settings = observation.selected
         model = model_named(observation.model)
-        if build_settings(observation) == build_settings(self.observation):
+        differing = differences(observation, self.observation)
+        if differing:
+            warnings.warn(
+                f"map '{self.name}': was built with other settings than {', '.join(differing)}; it is computed anew from its "
+                f"{len(self.references)} references, which takes as long as building it: leave these as the map has them, or build "
+                "a map with them (panoloc build-map --set)",
+                stacklevel=2,
+            )
+        else:
             try:
                 return model.restore(self.references, settings, self.arrays)
             except KeyError as missing:

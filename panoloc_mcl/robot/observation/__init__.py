@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from pydantic import BaseModel
@@ -36,6 +37,22 @@ def build_settings(observation: ObservationSettings) -> dict[str, Any]:
     return {"model": observation.model, "settings": _without_observing(observation.selected)}
 
 
+def differences(asked: ObservationSettings, built: ObservationSettings) -> tuple[str, ...]:
+    """What of `build_settings` is asked for otherwise than a map was built with: a line of settings for each."""
+    if asked.model != built.model:
+        return (f"observation.model = {asked.model} and not {built.model}",)
+    mine, theirs = (dict(_dotted(build_settings(one)["settings"], f"observation.{one.model}")) for one in (asked, built))
+    return tuple(f"{key} = {value} and not {theirs[key]}" for key, value in mine.items() if value != theirs[key])
+
+
+def _dotted(values: dict[str, Any], under: str) -> Iterator[tuple[str, Any]]:
+    for name, value in values.items():
+        if isinstance(value, dict):
+            yield from _dotted(value, f"{under}.{name}")
+        else:
+            yield f"{under}.{name}", value
+
+
 def _without_observing(settings: BaseModel) -> dict[str, Any]:
     kept: dict[str, Any] = {}
     for name, field in type(settings).model_fields.items():
@@ -46,4 +63,4 @@ def _without_observing(settings: BaseModel) -> dict[str, Any]:
     return kept
 
 
-__all__ = ["MODELS", "ObservationModel", "Places", "VoteField", "VotesModel", "build_settings", "model_named"]
+__all__ = ["MODELS", "ObservationModel", "Places", "VoteField", "VotesModel", "build_settings", "differences", "model_named"]

@@ -1,5 +1,6 @@
 import json
 import pickle
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,10 @@ from safetensors.numpy import save_file
 from panoloc_mcl.laboratory.peers.settings import PaperSettings
 from panoloc_mcl.robot.camera import PanoramaCamera
 from panoloc_mcl.robot.errors import MapError, PanolocError
+from panoloc_mcl.robot.localizer import Localizer
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.references import read_references
-from panoloc_mcl.robot.settings.config import ObservationSettings
+from panoloc_mcl.robot.settings.config import LocalizerConfig, ObservationSettings
 from panoloc_mcl.robot.settings.observation import VotesSettings
 from panoloc_mcl.tools.datasets import Dataset, read_dataset
 from panoloc_mcl.tools.datasets.writer import DatasetWriter
@@ -236,8 +238,31 @@ def test_other_settings_are_computed_from_the_references(dataset: Dataset) -> No
     built = PanoramaMap.build(dataset)
     signed = ObservationSettings(votes=VotesSettings(gradient="signed"))
     direct = PanoramaMap.build(dataset, signed).observation_model()
-    assert np.array_equal(built.observation_model(signed).observe(QUERY).votes, direct.observe(QUERY).votes)
-    assert built.observation_model(PAPER).name == "paper"
+    # It takes as long as building the map, so it is said.
+    with pytest.warns(UserWarning, match="computed anew") as told:
+        model = built.observation_model(signed)
+    (line,) = (str(one.message) for one in told)
+    assert "observation.votes.gradient = signed and not doubled_angle; " in line
+    assert "panoloc build-map --set" in line
+    assert np.array_equal(model.observe(QUERY).votes, direct.observe(QUERY).votes)
+    with pytest.warns(UserWarning, match=r"than observation.model = paper and not votes; it"):
+        assert built.observation_model(PAPER).name == "paper"
+
+
+def test_settings_that_only_matter_when_an_image_is_looked_at_are_no_others(dataset: Dataset) -> None:
+    built = PanoramaMap.build(dataset)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        built.observation_model(ObservationSettings(votes=VotesSettings(min_visible=0.5)))
+
+
+def test_a_localizer_that_is_given_no_settings_takes_those_of_the_map(dataset: Dataset) -> None:
+    built = PanoramaMap.build(dataset, ObservationSettings(votes=VotesSettings(gradient="signed")))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert Localizer(built).config.observation == built.observation
+    with pytest.warns(UserWarning, match="gradient = doubled_angle and not signed"):
+        Localizer(built, LocalizerConfig())
 
 
 def test_references_that_cannot_be_used_are_one_line_each(tmp_path: Path) -> None:
