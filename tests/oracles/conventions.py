@@ -92,6 +92,7 @@ DRIVES = {
     "millimetres": (lambda d, f: with_odometry(d, lambda p: p * [1000, 1000, 1]), "millimetres"),
     "heading 180": (lambda d, f: with_camera(d, heading_column=d.image_size[0] / 2), "heading fits"),
     "heading 90": (lambda d, f: with_camera(d, heading_column=d.image_size[0] / 4), "heading fits"),
+    "0.3 s late": (lambda d, f: with_odometry(d, same, 0.3), "clock fits"),
     "0.5 s late": (lambda d, f: with_odometry(d, same, 0.5), "clock fits"),
     "1.5 s late": (lambda d, f: with_odometry(d, same, 1.5), "clock fits"),
     "3 s late": (lambda d, f: with_odometry(d, same, 3.0), "clock fits"),
@@ -105,6 +106,13 @@ DRIVES = {
         ),
         "nanoseconds",
     ),
+    "both in us": (
+        lambda d, f: replace(
+            d, times=(1.7e9 + d.times) * 1e6, odometry=Trajectory((1.7e9 + d.odometry.times) * 1e6, d.odometry.poses)
+        ),
+        "microseconds",
+    ),
+    "odometry in us": (lambda d, f: replace(d, odometry=Trajectory(d.odometry.times * 1e6, d.odometry.poses)), "microseconds"),
     "both in ms": (
         lambda d, f: replace(
             d, times=(d.times - d.times[0]) * 1e3, odometry=Trajectory((d.odometry.times - d.times[0]) * 1e3, d.odometry.poses)

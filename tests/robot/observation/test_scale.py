@@ -10,7 +10,7 @@ from oracles.scenes import grid
 
 from panoloc_mcl.robot.camera import Panorama, PanoramaGeometry
 from panoloc_mcl.robot.observation import VotesModel
-from panoloc_mcl.robot.observation.scale import at_resolution, detail_columns, references_at, resolution_of
+from panoloc_mcl.robot.observation.scale import _shapes, at_resolution, detail_columns, references_at, resolution_of
 from panoloc_mcl.robot.references import ReferencePanoramas
 from panoloc_mcl.robot.settings.observation import VotesSettings
 
@@ -55,6 +55,14 @@ def test_where_fine_structure_is_noise_coarser_pixels_are_compared(sharp) -> Non
     # By their spectra they have detail; but it is another one in each.
     assert detail_columns(replace(large, pixels=noisy)) > 200.0
     assert resolution_of(replace(large, pixels=noisy), SETTINGS)[1] < 240
+
+
+@pytest.mark.parametrize("width", [1440, 2000, 4096])
+def test_larger_images_are_brought_to_a_working_size(width: int) -> None:
+    """However much they show: twice the columns cost four times the time and tell hardly more."""
+    first = next(iter(_shapes((round(width * 290 / 720), width), float(width))))
+    assert 480 <= first[1] <= 720
+    assert first[0] / first[1] == pytest.approx(290 / 720, rel=0.01)
 
 
 def test_a_setting_has_the_last_word(sharp) -> None:

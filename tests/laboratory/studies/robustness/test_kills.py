@@ -1,8 +1,13 @@
 import json
+import subprocess
+import sys
 
 import pytest
 
+from panoloc_mcl.laboratory.studies.robustness import kills
 from panoloc_mcl.laboratory.studies.robustness.kills import damaged, study
+
+COMMANDS = {"quick": "pass", "slow": "import time; time.sleep(60)"}
 
 
 def test_files_that_are_not_whole_are_found(tmp_path):
@@ -23,6 +28,11 @@ def test_a_few_kills():
     pytest.importorskip("mitsuba")
     report = study(kills=3, seed=1, commands=["build-map"])
     rows = json.loads(json.dumps(report.tables[0].data()))["rows"]
-    assert sum(row["kills"] for row in rows) == 3
-    assert sum(row["at work when killed"] for row in rows) > 0
+    assert sum(row["killed at work"] for row in rows) == 3
     assert all(row["files not whole"] == 0 and row["finished"] == row["new starts"] > 0 for row in rows)
+
+
+def test_a_kill_that_comes_too_late_does_not_count(tmp_path, monkeypatch):
+    monkeypatch.setattr(kills, "_start", lambda name, work: subprocess.Popen([sys.executable, "-c", COMMANDS[name]]))
+    assert not kills._killed("quick", tmp_path, 20.0)
+    assert kills._killed("slow", tmp_path, 0.1)

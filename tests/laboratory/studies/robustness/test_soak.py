@@ -1,6 +1,9 @@
 """The harness itself, and half a minute of what it does for hours."""
 
+import itertools
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -8,7 +11,10 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.laboratory.studies.robustness import soak as harness
 from panoloc_mcl.laboratory.studies.robustness.soak import IMAGE_FAULTS, Findings, soak, study
+from panoloc_mcl.laboratory.studies.robustness.soak import world as driving
+from panoloc_mcl.laboratory.studies.robustness.soak.faults import CLOCK, KIDNAP
 from panoloc_mcl.laboratory.studies.robustness.soak.remembered import RememberedModel
+from panoloc_mcl.laboratory.studies.robustness.soak.world import World
 from panoloc_mcl.robot.camera import Panorama
 from panoloc_mcl.robot.filters import Status
 from panoloc_mcl.robot.localizer import Localizer
@@ -47,6 +53,60 @@ def test_it_stops_in_time_with_what_was_done(small_room: Dataset) -> None:
     assert 0 < found.updates < 10**6
     assert min(found.memory_mb) > 0.0
     assert found.seconds < 10.0
+
+
+def blind() -> Localizer:
+    """In a localizer's place; takes odometry and does nothing."""
+    return cast(Localizer, SimpleNamespace(add_odometry=lambda timestamp, pose: None))
+
+
+def test_where_the_robot_was_is_told_at_any_time(small_room: Dataset, monkeypatch) -> None:
+    """An answer is of the time that it says: after an image that is missing or late, of an earlier one than now."""
+    for chance in ("_IN_IMAGE", "_IN_STAMP", "_IN_ODOMETRY"):
+        monkeypatch.setattr(driving, chance, 0.0)
+    monkeypatch.setattr(driving, "_CARRIED_OFF", 0.1)
+    drives = list(small_room.sequences.values())
+    world, robot, seen, jumps = World(drives, np.random.default_rng(0)), blind(), [], []
+    for _ in range(60):
+        faults = set(world.step(robot))
+        jumps.append(bool(faults & {KIDNAP, CLOCK}))
+        seen.append((world._arriving[0][0], world.pose))
+    for stamp, pose in seen[-20:]:
+        np.testing.assert_allclose(world.pose_at(stamp), pose, atol=1e-12)
+    np.testing.assert_allclose(world.pose_at(np.nan), world.pose)
+    assert 0 < sum(jumps[-20:]) < 10
+    for (begin, before), (end, after), jump in zip(seen[-20:], seen[-19:], jumps[-19:], strict=False):
+        halfway = world.pose_at(0.5 * (begin + end))
+        if not jump:
+            assert np.hypot(*(halfway - 0.5 * (before + after))[:2]) <= 0.2 * np.hypot(*(after - before)[:2])
+
+
+@pytest.mark.slow
+def test_what_grows_is_the_localizer(small_room: Dataset) -> None:
+    """Every image is read and compared before memory is measured."""
+    drives = list(small_room.sequences.values())
+    world = World(drives, np.random.default_rng(0))
+    different = {image.tobytes() for image in world.images()}
+    assert 0.5 * world.different < len(different) <= world.different
+    for _ in range(300):
+        list(world.step(blind()))
+        assert all(image.tobytes() in different for _, image in world._arriving)
+
+
+def test_images_out_of_order_come_after_the_next_one(small_room: Dataset, monkeypatch) -> None:
+    """As late as one step: the localizer can take them in."""
+    monkeypatch.setattr(driving, "STAMP_FAULTS", ("images reordered",))
+    monkeypatch.setattr(driving, "_CARRIED_OFF", 0.0)
+    world = World(list(small_room.sequences.values()), np.random.default_rng(2))
+    stamps, late = [], 0
+    for _ in range(300):
+        held = "images reordered" in set(world.step(blind()))
+        assert len(world._arriving) == (not held) + bool(late)
+        late = held
+        stamps += [stamp for stamp, _ in world._arriving]
+    back = [after for before, after in itertools.pairwise(stamps) if after < before]
+    assert 5 < len(back) < 30
+    assert len(set(stamps)) == len(stamps) == 300 - late
 
 
 @pytest.mark.slow

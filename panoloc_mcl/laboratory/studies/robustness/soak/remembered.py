@@ -45,9 +45,7 @@ class RememberedModel:
             key = zlib.crc32(panorama.valid.tobytes(), key)
         if headings is None:
             return _answer(self._anywhere, key, lambda: self._model.observe(panorama))
-        columns = panorama.pixels.shape[1]
-        grid = 2.0 * np.pi * np.arange(columns) / columns
-        field = _answer(self._by_heading, key, lambda: self._model.observe(panorama, grid))
+        field = _answer(self._by_heading, key, lambda: self._model.observe(panorama, _all_headings(panorama)))
         if not field.informative:
             return self._model.observe(panorama, headings)
         return VoteField(
@@ -58,6 +56,10 @@ class RememberedModel:
             full_circle=False,
             best_at_any_heading=field.best_at_any_heading,
         )
+
+
+def _all_headings(panorama: Panorama) -> NDArray[np.float64]:
+    return np.linspace(0.0, 2.0 * np.pi, panorama.pixels.shape[1], endpoint=False)
 
 
 def _answer(kept: dict[int, VoteField | ImageError], key: int, ask: Callable[[], VoteField]) -> VoteField:

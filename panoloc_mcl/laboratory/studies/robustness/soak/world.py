@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,11 +25,23 @@ from panoloc_mcl.tools.datasets import Sequence, read_image
 
 Float64 = NDArray[np.float64]
 
-_ODOMETRY_S = 0.2
+# Odometry comes so often, and images are taken so long before the last one, seconds.
+_ODOMETRY_S, _TAKEN_BEFORE_S = 0.2, 0.02
 # Chances of a fault at an image: in its pixels, in its stamp, in the odometry up to it; and of being carried off.
 _IN_IMAGE, _IN_STAMP, _IN_ODOMETRY, _CARRIED_OFF = 0.12, 0.05, 0.05, 0.005
 # Of every fault of every image there are so many.
 _VARIANTS = 2
+# Answers are of times so many images ago at the most.
+_STEPS_KEPT = 50
+
+
+class _Step(NamedTuple):
+    """From one image to the next: driven evenly, or carried off at the end."""
+
+    begin: float
+    end: float
+    pose: Float64
+    moved: Float64
 
 
 class World:
@@ -41,16 +55,38 @@ class World:
         self._images: dict[tuple[str, int], Image] = {}
         self._spoilt_images: dict[tuple[str, int, str, int], Image] = {}
         self._truth = {drive.name: drive.groundtruth.at(drive.times) for drive in drives if drive.groundtruth is not None}
-        self._pending: list[tuple[float, Image]] = []
         self._frozen_image: Image | None = None
         self._odometry_frozen = 0
-        self._sent: list[float] = [self._clock]
-        self._next: tuple[float, Image] | None = None
+        self._sent = self._clock
+        self._arriving: list[tuple[float, Image]] = []
+        self._held_up: list[tuple[float, Image]] = []
+        self._steps: deque[_Step] = deque(maxlen=_STEPS_KEPT)
 
     @property
     def pose(self) -> Float64:
         """Where the robot is, (3,)."""
         return np.asarray(self._truth[self._drive.name][self._frame])
+
+    def pose_at(self, timestamp: float) -> Float64:
+        """Where the robot was at a time by its clock, (3,); where it is if that is not finite."""
+        for step in self._steps:
+            if timestamp < step.end:
+                share = max(timestamp - step.begin, 0.0) / (step.end - step.begin)
+                return compose(step.pose, share * step.moved)
+        return self.pose
+
+    @property
+    def different(self) -> int:
+        """How many images there are, with every fault."""
+        return sum(len(drive) for drive in self._drives) * (1 + _VARIANTS * len(IMAGE_FAULTS))
+
+    def images(self) -> Iterator[Image]:
+        """Every image that there is, as it is and with every fault."""
+        for drive in self._drives:
+            for frame in range(len(drive)):
+                yield self._image(drive, frame)
+                for fault in IMAGE_FAULTS:
+                    yield from (self._spoilt(drive, frame, fault, variant) for variant in range(_VARIANTS))
 
     def step(self, localizer: Localizer) -> Iterator[str]:
         """Drive on to the next image; yields the faults that happen."""
@@ -68,16 +104,16 @@ class World:
         if rng.random() < _CARRIED_OFF:
             self._clock += 500.0
             yield CLOCK
-        moved = np.zeros(3) if carried else between(before, self.pose)
+        moved, begin = np.zeros(3) if carried else between(before, self.pose), self._clock
         yield from self._drive_on(localizer, moved)
+        # The image of now is stamped as it is taken.
+        self._steps.append(_Step(begin, self._clock - _TAKEN_BEFORE_S, before, moved))
         yield from self._take_image()
 
-    def look(self, localizer: Localizer) -> Estimate | None:
-        """Give the localizer the image, if one arrives."""
-        if self._next is None:
-            return localizer.add_image(float("nan"), np.zeros((1, 1), np.uint8))
-        stamp, image = self._next
-        return localizer.add_image(stamp, image)
+    def look(self, localizer: Localizer) -> Iterator[Estimate | None]:
+        """Give the localizer the images that arrive: one mostly; none if it is missing; two if the one before was held up."""
+        for stamp, image in self._arriving:
+            yield localizer.add_image(stamp, image)
 
     def _drive_on(self, localizer: Localizer, moved: Float64) -> Iterator[str]:
         rng = self._rng
@@ -109,46 +145,45 @@ class World:
         self._odometry_frozen = max(self._odometry_frozen - 1, 0)
 
     def _take_image(self) -> Iterator[str]:
-        rng, stamp = self._rng, self._clock - 0.02
-        image = self._image()
+        rng, stamp = self._rng, self._clock - _TAKEN_BEFORE_S
+        image = seen = self._image(self._drive, self._frame)
         if rng.random() < _IN_IMAGE:
             names = [*IMAGE_FAULTS, FROZEN]
             name = names[int(rng.integers(len(names)))]
             yield name
             last = image if self._frozen_image is None else self._frozen_image
-            image = last if name == FROZEN else self._spoilt(name, int(rng.integers(_VARIANTS)))
-        self._frozen_image = self._image()
-        self._next = (stamp, image)
+            image = last if name == FROZEN else self._spoilt(self._drive, self._frame, name, int(rng.integers(_VARIANTS)))
+        self._frozen_image = seen
+        held_up, self._held_up = self._held_up, []
+        arriving = [(stamp, image)]
         if rng.random() < _IN_STAMP:
             name = STAMP_FAULTS[int(rng.integers(len(STAMP_FAULTS)))]
             yield name
-            if name in ("image missing", "images reordered"):
-                # What was held back comes, late, in the place of the next one that is.
-                self._pending.append(self._next)
-                late = self._pending.pop(0) if name == "images reordered" and len(self._pending) > 1 else None
-                self._next = late
+            if name == "images reordered":
+                self._held_up, arriving = arriving, []
+            elif name == "image missing":
+                arriving = []
             else:
                 stamps = {
-                    "stamp twice": self._sent[-1],
+                    "stamp twice": self._sent,
                     "stamp not finite": float("nan"),
                     "stamp 60 s ahead": stamp + 60.0,
                     "stamp 0.5 s late": stamp - 0.5,
                 }
-                self._next = (stamps[name], image)
-        self._pending = self._pending[-2:]
-        if self._next is not None and np.isfinite(self._next[0]):
-            self._sent = [self._next[0]]
+                arriving = [(stamps[name], image)]
+        self._arriving = arriving + held_up
+        self._sent = next((one for one, _ in self._arriving if np.isfinite(one)), self._sent)
 
-    def _spoilt(self, fault: str, variant: int) -> Image:
-        """The image of now with a fault; one of a few of its kind, so that a million images are some thousand different ones."""
-        key = (self._drive.name, self._frame, fault, variant)
+    def _spoilt(self, drive: Sequence, frame: int, fault: str, variant: int) -> Image:
+        """An image with a fault; one of a few of its kind, so that a million images are some thousand different ones."""
+        key = (drive.name, frame, fault, variant)
         if key not in self._spoilt_images:
-            rng = np.random.default_rng([variant, self._frame, *fault.encode()])
-            self._spoilt_images[key] = IMAGE_FAULTS[fault](self._image(), rng)
+            rng = np.random.default_rng([variant, frame, *fault.encode()])
+            self._spoilt_images[key] = IMAGE_FAULTS[fault](self._image(drive, frame), rng)
         return self._spoilt_images[key]
 
-    def _image(self) -> Image:
-        key = (self._drive.name, self._frame)
+    def _image(self, drive: Sequence, frame: int) -> Image:
+        key = (drive.name, frame)
         if key not in self._images:
-            self._images[key] = read_image(self._drive.files[self._frame])
+            self._images[key] = read_image(drive.files[frame])
         return self._images[key]
