@@ -44,13 +44,14 @@ class BackwardWatch:
         # That came last and were held back, as they do not lie on the known way.
         self.held: list[tuple[float, Float64]] = []
         self._last: tuple[float, Float64] | None = None
-        self._repeats = 0
+        # That came last and say the same as before.
+        self.repeated: list[tuple[float, Float64]] = []
         # So many came in the order of time since the last that did not, and before it.
         self._in_row = self._before = 0
 
     def came(self, timestamp: float, pose: Float64) -> int:
         """A measurement that is not behind; returns how many were held back and turn out to have been wrong."""
-        dropped, self.held, self._repeats = len(self.held), [], 0
+        dropped, self.held, self.repeated = len(self.held), [], []
         self._follows(timestamp, pose)
         return dropped
 
@@ -68,8 +69,9 @@ class BackwardWatch:
         if self.held and not follows:
             self.held = []
         off = _apart(pose, known(timestamp))
-        self._repeats = self._repeats + 1 if off < _SAME and (follows or self._repeats == 0) else 0
-        if self._repeats >= _REPEATED and before is not None and _apart(pose, before[1]) > _SAME:
+        repeats = off < _SAME and (follows or not self.repeated)
+        self.repeated = [*self.repeated, (timestamp, pose)] if repeats else []
+        if len(self.repeated) >= _REPEATED and before is not None and _apart(pose, before[1]) > _SAME:
             return Verdict.LOOPED
         in_order = max(self._in_row, self._before) > _IN_ORDER
         goes_on = before is not None and in_order and off > _OFF_M and _apart(pose, before[1]) < 0.5 * off

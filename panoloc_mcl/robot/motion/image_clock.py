@@ -14,8 +14,9 @@ from panoloc_mcl.robot.settings.localizer import MotionSettings
 
 # Images come so many times their usual distance late at the most, and no farther apart than this, seconds.
 _LATE_STEPS, _SPARSEST_S = 2.0, 120.0
-# So many images in a row that come more than this late are no coincidence, seconds.
+# So many images in a row that come more than this late are no coincidence, seconds; of those that come too late to be used, so many.
 _LATE_IN_ROW, _BEHIND_S = 3, 1.0
+_TOO_LATE_IN_ROW = 2
 
 
 class ImageClock:
@@ -89,9 +90,14 @@ class ImageClock:
             return Finding()
         follows = bool(self._late) and 0.0 < timestamp - self._late[-1] <= self._settings.clock_jump_s
         self._late = [*self._late, timestamp] if follows else [timestamp]
-        if len(self._late) < _LATE_IN_ROW or self._late_from() > timestamp:
+        too_late = timestamp < self._late_from()
+        if too_late and self._odometry.newest < self.now:
+            # Odometry's clock has jumped, too, or there is none.
             return Finding()
-        by = self.now - timestamp + (self._late[-1] - self._late[-2])
+        if len(self._late) < (_TOO_LATE_IN_ROW if too_late else _LATE_IN_ROW):
+            return Finding()
+        # The first of them was taken one step after the last that was not late.
+        by = self.now - self._late[0] + (self._late[-1] - self._late[-2])
         self._late, self._fused = [], []
         if len(self._odometry):
             self.offset_s += by

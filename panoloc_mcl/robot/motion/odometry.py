@@ -131,7 +131,7 @@ class OdometryBuffer:
     def _in_order(self, timestamp: float, pose: Float64) -> bool:
         """Whether a measurement can be put in at its time; if the clock was set back, the buffer follows it first."""
         least = 0.0 if self._backward.held else BEHIND_S
-        if not self._times or timestamp >= self._times[-1] - least or timestamp < self._times[0]:
+        if not self._times or timestamp >= self._times[-1] - least:
             for _ in range(self._backward.came(timestamp, pose)):
                 self._reject("behind, and off the way that is known")
             return True
@@ -139,19 +139,25 @@ class OdometryBuffer:
         if verdict is Verdict.SUSPECT:
             return False
         if verdict is Verdict.LOOPED:
+            repeated, self._backward.repeated = self._backward.repeated[:-1], []
             self.clear()
             self.restarts += 1
             self._happened("the recording began again")
+            self._go_on_from(repeated)
         elif verdict is Verdict.SET_BACK:
             held, self._backward.held = self._backward.held[:-1], []
             # One step from the last pose by the old clock to the first by the new one.
             self._set_back(self._times[-1] - held[0][0] + (held[1][0] - held[0][0]))
-            for time, earlier in held:
-                self._times.append(time)
-                self._poses.append(earlier)
-                self._extras.append((None, None))
-            self._measure(0)
+            self._go_on_from(held)
         return True
+
+    def _go_on_from(self, held: list[tuple[float, Float64]]) -> None:
+        """Take what was held back until it was known what it is."""
+        for time, pose in held:
+            self._times.append(time)
+            self._poses.append(pose)
+            self._extras.append((None, None))
+        self._measure(0)
 
     def _set_back(self, seconds: float) -> None:
         self._times = [time - seconds for time in self._times]
