@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import bisect
+import itertools
 import math
+import statistics
 from collections.abc import Mapping
 from typing import Any
 
@@ -14,9 +16,10 @@ from panoloc_mcl.robot.settings.localizer import MotionSettings
 
 # Images come so many times their usual distance late at the most, and no farther apart than this, seconds.
 _LATE_STEPS, _SPARSEST_S = 2.0, 120.0
-# So many images in a row that come more than this late are no coincidence, seconds; of those that come too late to be used, so many.
-_LATE_IN_ROW, _BEHIND_S = 3, 1.0
-_TOO_LATE_IN_ROW = 2
+# So many images in a row that come more than this late, from a time that none is missing of, are no coincidence, seconds.
+_LATE_IN_ROW, _BEHIND_S = 2, 1.0
+# Between two images one is missing where they are so many times the usual distance apart.
+_GAP_STEPS = 1.5
 
 
 class ImageClock:
@@ -81,7 +84,7 @@ class ImageClock:
         return self._odometry.set_back_s - self._set_back_s
 
     def set_back(self, timestamp: float) -> Finding:
-        """Whether this image is one of several in a row that all come late: then their clock was set back, and is followed.
+        """Whether this image is one of several that all come late and were not missing: then their clock was set back, and is followed.
 
         With odometry the stamps are brought to its clock, which went on, by adding `offset_s`; without, time goes on from here.
         """
@@ -94,7 +97,9 @@ class ImageClock:
         if too_late and self._odometry.newest < self.now:
             # Odometry's clock has jumped, too, or there is none.
             return Finding()
-        if len(self._late) < (_TOO_LATE_IN_ROW if too_late else _LATE_IN_ROW):
+        if self._was_missing(timestamp):
+            self._late = []
+        if len(self._late) < _LATE_IN_ROW:
             return Finding()
         # The first of them was taken one step after the last that was not late.
         by = self.now - self._late[0] + (self._late[-1] - self._late[-2])
@@ -106,6 +111,14 @@ class ImageClock:
             self.now = timestamp - 1e-6
             told = f"image stamps were set back by {by:.1f} s; going on from there"
         return Finding(told, Reason.CLOCK_SET_BACK)
+
+    def _was_missing(self, timestamp: float) -> bool:
+        """Whether there is a gap where a late image was taken, so that it was only held up."""
+        index = bisect.bisect(self._fused, timestamp)
+        if not 0 < index < len(self._fused):
+            return False
+        usual = statistics.median(after - before for before, after in itertools.pairwise(self._fused))
+        return self._fused[index] - self._fused[index - 1] > _GAP_STEPS * usual
 
     def problem(self, timestamp: float) -> Finding:
         """Why the time stamp of an image cannot be used; empty when it can."""

@@ -133,6 +133,18 @@ def test_images_alone_are_brought_to_the_clock_of_odometry(back: float) -> None:
     assert clock.now == pytest.approx(time - 0.4, abs=0.1)
 
 
+@pytest.mark.parametrize("held", [1, 2, 4, 8])
+@pytest.mark.parametrize("with_odometry", [True, False])
+def test_images_that_were_held_up_and_come_together_are_late(held: int, with_odometry: bool) -> None:
+    """Each comes where one was missing, however many in a row."""
+    clock = ImageClock(MotionSettings(), driven(40.0) if with_odometry else OdometryBuffer(MotionSettings()))
+    stamps = np.arange(0.0, 38.0, 0.7)
+    order = [*stamps[: 40 - held], stamps[40], *stamps[40 - held : 40], *stamps[41:]]
+    assert not images(clock, order)
+    assert clock.offset_s == 0.0
+    assert clock.now == stamps[-1]
+
+
 def test_images_alone_without_odometry_go_on_from_there() -> None:
     clock = ImageClock(MotionSettings(), OdometryBuffer(MotionSettings()))
     told = images(clock, [*np.arange(0.0, 20.0, 1.0), *np.arange(12.5, 18.0, 1.0)])
