@@ -171,6 +171,18 @@ class TestMaps:
         assert done.code == 0
         assert "map: no virtual places: the camera's height is not known" in done.err
 
+    @pytest.mark.slow
+    def test_one_gross_error_among_references_is_named_and_the_map_built(self, panoloc, small_room, tmp_path):
+        file = small_room / "references" / "poses.csv"
+        rows = file.read_text().splitlines()
+        name, x, *others = rows[6].split(",")
+        rows[6] = ",".join([name, f"{float(x) + 1.5:.6f}", *others])
+        file.write_text("\n".join(rows) + "\n")
+        done = panoloc("build-map", small_room, "-o", tmp_path / "a.panomap")
+        assert done.code == 0, done.err
+        assert name in done.err
+        assert (tmp_path / "a.panomap").is_file()
+
 
 class TestOutput:
     def test_file_where_the_folder_should_be(self, run_small, tmp_path):

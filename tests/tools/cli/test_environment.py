@@ -127,6 +127,19 @@ def test_damaged_compiled_kernels_are_compiled_again(ending, kept, tmp_path):
     assert "compiled kernels" in done.stderr
 
 
+@pytest.mark.slow
+def test_kernels_that_cannot_be_kept_cost_a_line(tmp_path):
+    """A disk that fills up while they are written."""
+    full = "from numba.core.caching import FunctionCache\ndef full(*_): raise OSError(28, 'No space left on device')\n"
+    script = full + "FunctionCache.save_overload = full\n" + COMPILE
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=ROOT, env=environment)
+    assert done.stdout == "done\n", done.stderr
+    assert "compiled kernels are not kept" in done.stderr
+    assert "No space left" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
 class TestTables:
     def test_an_open_quote_is_named(self, panoloc, small_room):
         table = small_room / "references" / "poses.csv"
