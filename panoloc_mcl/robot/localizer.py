@@ -79,7 +79,7 @@ class Localizer(SavedState, TakesMessages):
         seed: int | tuple[int, ...] | None = None,
         model: ObservationModel | None = None,
     ) -> None:
-        config = config or LocalizerConfig(observation=panorama_map.observation)
+        config = config or LocalizerConfig().model_copy(update={"observation": panorama_map.observation})
         self.config = config
         self.settings = config.localizer
         self._map = panorama_map

@@ -93,18 +93,21 @@ class ImageClock:
             return Finding()
         follows = bool(self._late) and 0.0 < timestamp - self._late[-1] <= self._settings.clock_jump_s
         self._late = [*self._late, timestamp] if follows else [timestamp]
-        too_late = timestamp < self._late_from()
-        if too_late and self._odometry.newest < self.now:
-            # Odometry's clock has jumped, too, or there is none.
+        jumped = timestamp < self.now - self._settings.buffer_s
+        if jumped or (timestamp < self._late_from() and self._odometry.newest < self.now):
+            # Another clock altogether, or odometry's has jumped, too.
             return Finding()
         if self._was_missing(timestamp):
             self._late = []
-        if len(self._late) < _LATE_IN_ROW:
+        # The very stamps that there were may be images that were sent again.
+        if len(self._late) < _LATE_IN_ROW + (timestamp in self._fused):
             return Finding()
         # The first of them was taken one step after the last that was not late.
         by = self.now - self._late[0] + (self._late[-1] - self._late[-2])
-        self._late, self._fused = [], []
-        if len(self._odometry):
+        went = by if len(self._odometry) else 0.0
+        # Those before this one were of the new time, too.
+        self._late, self._fused = [], [time + went for time in self._late[:-1]]
+        if went:
             self.offset_s += by
             told = f"image stamps were set back by {by:.1f} s and odometry's were not; so much is added to them"
         else:
