@@ -244,13 +244,13 @@ class Localizer(SavedState, TakesMessages):
         return moved or turned
 
     def _expected(self) -> Expected | None:
-        """Where a belief that is sure leads the image to be taken; None where it is to be searched for all over the map."""
-        taken_in = self._images - self.images_skipped - self._gated
-        if not self.settings.tracking or taken_in % _SEARCHED_EVERY == 0:
-            return None
+        """Where a belief that is sure leads the image to be taken; None where nothing is expected of it."""
         belief = self._filter.state()
+        if not self.settings.tracking or belief.status is not Status.CONVERGED:
+            return None
+        taken_in = self._images - self.images_skipped - self._gated
         best = belief.clusters[0]
-        return Expected.of(best.pose, best.spread_m, best.spread_deg) if belief.status is Status.CONVERGED else None
+        return Expected.of(best.pose, best.spread_m, best.spread_deg, taken_in % _SEARCHED_EVERY == 0)
 
     def _observe(
         self,

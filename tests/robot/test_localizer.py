@@ -506,10 +506,15 @@ def test_what_a_glance_does_not_prove_all_votes_confirm_without_a_second_look(
     panorama = panorama_map.unwrapper(None, None)(drive.images[3])
     assert isinstance(model, VotesModel)
     searched = model.observe(panorama)
-    monkeypatch.setattr("panoloc_mcl.robot.observation.votes._SURE", 2.0)
     monkeypatch.setattr(PoseRefiner, "refine_best", _must_not_be_called)
     expected = Expected.of(drive.truth[3], 0.02, 0.2)
     assert expected is not None
+    # Nor is there one where an image that is proven is compared with the whole map all the same.
+    everywhere = replace(expected, everywhere=True)
+    np.testing.assert_array_equal(model.observe_near(panorama, everywhere).votes, searched.votes)
+    monkeypatch.setattr("panoloc_mcl.robot.observation.votes._SURE", 2.0)
+    with pytest.raises(AssertionError, match="a second time"):
+        model.observe_near(panorama, everywhere)
     confirmed = model.observe_near(panorama, expected)
     np.testing.assert_array_equal(confirmed.votes, searched.votes)
     assert confirmed.measurement is not None

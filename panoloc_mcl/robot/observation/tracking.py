@@ -31,16 +31,21 @@ class Expected:
         Metres, radians.
     spread_m, spread_rad : float
         Standard deviations.
+    everywhere : bool
+        The image is compared with the whole map, even where it fits the pose.
     """
 
     pose: NDArray[np.float64]
     spread_m: float
     spread_rad: float
+    everywhere: bool = False
 
     @classmethod
-    def of(cls, pose: NDArray[np.float64], spread_m: float, spread_deg: float) -> Self | None:
+    def of(cls, pose: NDArray[np.float64], spread_m: float, spread_deg: float, everywhere: bool = False) -> Self | None:
         """None where the belief is too wide to begin there."""
-        return cls(pose, spread_m, math.radians(spread_deg)) if spread_m < _NARROW_M and spread_deg < _NARROW_DEG else None
+        if spread_m >= _NARROW_M or spread_deg >= _NARROW_DEG:
+            return None
+        return cls(pose, spread_m, math.radians(spread_deg), everywhere)
 
     @property
     def near(self) -> bool:

@@ -215,15 +215,17 @@ class VotesModel:
             at = self._headings if headings is None else headings
             return silent_field(at, self.places, problem, headings is None)
         followed = None if expected is None or self._refiner is None else self._followed(self._refiner, z, mask, expected)
-        if followed is not None and self._proves(followed):
+        proven = followed is not None and self._proves(followed)
+        everywhere = expected is not None and expected.everywhere
+        if followed is not None and proven and not everywhere:
             return followed
         votes, asked = self._votes(z, mask)
         field = VoteField(votes, self._headings, self.places, self._tolerance_of(votes), asked=asked)
         if headings is not None:
             best, votes = float(votes.max()), at_headings(votes, headings)
             return replace(field, votes=votes, headings=headings, full_circle=False, best_at_any_heading=best)
-        if followed is not None and expected is not None and expected.fits(field):
-            # All eigenimages point there, too: a search would measure the same pose once more.
+        if followed is not None and expected is not None and (proven or not everywhere) and expected.fits(field):
+            # A closer look at the best cells would measure the same pose once more.
             return self._judged(field.with_measurement(followed.measurement))
         return self._judged(field if self._refiner is None else self._refined(self._refiner, field, z, mask))
 
