@@ -511,6 +511,7 @@ def test_what_a_glance_does_not_prove_all_votes_confirm_without_a_second_look(
     assert expected is not None
     # Nor is there one where an image that is proven is compared with the whole map all the same.
     everywhere = replace(expected, everywhere=True)
+    monkeypatch.setattr("panoloc_mcl.robot.observation.votes._SURE", 0.1)
     np.testing.assert_array_equal(model.observe_near(panorama, everywhere).votes, searched.votes)
     monkeypatch.setattr("panoloc_mcl.robot.observation.votes._SURE", 2.0)
     with pytest.raises(AssertionError, match="a second time"):
