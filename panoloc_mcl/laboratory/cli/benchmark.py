@@ -77,6 +77,13 @@ def _options_of_places(parser: argparse.ArgumentParser) -> None:
         "--rooms", type=at_least(1), nargs="+", default=(1, 10, 100), metavar="N", help="of a thousand places each"
     )
     parser.add_argument("--images", type=at_least(1), default=1000, metavar="N", help="by which recall is measured")
+    parser.add_argument(
+        "--conditions",
+        type=at_least(0),
+        default=0,
+        metavar="N",
+        help="also rank the true places of so many images in uneven light, hidden, noisy",
+    )
 
 
 def _eights(text: str) -> int:
@@ -136,7 +143,7 @@ def _costs(args: argparse.Namespace) -> Report:
 def _places(args: argparse.Namespace) -> Report:
     from panoloc_mcl.laboratory.benchmarks.campus.places import places
 
-    return places(args.rooms, args.images, None if args.out is None else Path(args.out))
+    return places(args.rooms, args.images, None if args.out is None else Path(args.out), args.conditions)
 
 
 def _pictures(args: argparse.Namespace) -> Report:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from panoloc_mcl.laboratory.benchmarks.campus.building import COLUMNS, Float64, build, geometry, held_out
 from panoloc_mcl.laboratory.benchmarks.campus.rooms import SIZE_M, rooms
@@ -19,6 +20,7 @@ from panoloc_mcl.robot.geometry import angle_difference
 from panoloc_mcl.robot.localizer import Localizer
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.observation import VotesModel
+from panoloc_mcl.robot.observation.calibration import CONDITIONS, DIM, Disturb
 from panoloc_mcl.tools.config import config_from_mapping
 
 #: Of about a thousand places each.
@@ -27,10 +29,17 @@ ROOMS = (1, 10, 100)
 _DRIVE, _STEP_M, _BEFORE = 40, 0.05, 8
 _GLOBAL = 15
 _FOUND_M, _FOUND_DEG = 0.5, 10.0
+_DISTURBED: dict[str, Disturb | None] = dict(
+    zip(
+        ("as it is", "bars over 60 %", "noise, darker", "uneven light", "blobs over 40 %", "uneven light, half as bright"),
+        (*CONDITIONS, DIM),
+        strict=True,
+    )
+)
 _ERRORS = (("position_mm", 1), ("heading_deg", 2), ("away_mm", 1))
 
 
-def places(counts: Sequence[int], images: int, out: Path | None = None) -> Report:
+def places(counts: Sequence[int], images: int, out: Path | None = None, disturbed: int = 0) -> Report:
     """Cost, memory and recall against the number of places; with ``out`` also as a picture, ``places.png`` there.
 
     Parameters
@@ -40,6 +49,8 @@ def places(counts: Sequence[int], images: int, out: Path | None = None) -> Repor
     images : int
         By which recall is measured, on each map.
     out : Path, optional
+    disturbed : int
+        So many images are disturbed in each of several ways, and true places ranked by them, on maps that are retrieved from.
     """
     report = Report(
         f"Maps of a simulated building, panoramas of {COLUMNS} columns. Its rooms have one size, one floor, and doors, windows, "
@@ -66,7 +77,8 @@ def places(counts: Sequence[int], images: int, out: Path | None = None) -> Repor
     )
     heads = ("places", "recall", "found", "position, median, mm", "heading, median, degrees", "end of the drive, mm")
     recall = report.table("Recall", heads)
-    every = [in_a_process(f"{__name__}:measured", str(build(count)), str(count), str(images)) for count in counts]
+    words = str(images), str(disturbed)
+    every = [in_a_process(f"{__name__}:measured", str(build(count)), str(count), *words) for count in counts]
     for found in every:
         ratios = (Ratio.of(np.array(found[kind]), np.array(every[0][kind])) for kind in ("global", "tracked"))
         costs.add(
@@ -78,12 +90,19 @@ def places(counts: Sequence[int], images: int, out: Path | None = None) -> Repor
         )
         rates = (Rate.over((str(index), bool(hit)) for index, hit in enumerate(found[kind])) for kind in ("recalled", "found"))
         recall.add(int(found["places"]), *rates, *(Number(found[name], decimals) for name, decimals in _ERRORS))
+    if disturbed:
+        ranked = report.table("Ranks of the true place", ("places", "image", "median", "99 %", "worst", "voted on"))
+        for found in every:
+            for name, ranks in found["ranks"].items():
+                voted_on = Rate.over((str(index), rank < found["voted_on"]) for index, rank in enumerate(ranks))
+                figures = (Number(float(np.quantile(ranks, share)), 1) for share in (0.5, 0.99, 1.0))
+                ranked.add(int(found["places"]), name, *figures, voted_on)
     if out is not None:
         plot(every, out / "places.png")
     return report
 
 
-def measured(path: str, count: str, images: str) -> dict[str, object]:
+def measured(path: str, count: str, images: str, disturbed: str) -> dict[str, object]:
     """Everything about one map."""
     panorama_map = PanoramaMap.load(path)
     model = panorama_map.observation_model()
@@ -104,6 +123,7 @@ def measured(path: str, count: str, images: str) -> dict[str, object]:
         "found": right.tolist(),
         "position_mm": 1e3 * float(np.median(errors[right, 0])),
         "heading_deg": float(np.median(errors[right, 1])),
+        "ranks": ranks(model, held_out(int(count), int(disturbed), seed=4)),
         "file_mb": Path(path).stat().st_size / 1e6,
         "resident_mb": memory_mb(peak=False),
     }
@@ -154,6 +174,21 @@ def recalled(model: VotesModel, image: np.ndarray, pose: Float64) -> bool:
     z, _ = orientations(Panorama(image.astype(np.float32), None), model.settings)
     asked = model.retrieval.asked(model.retrieval.correlator.projections(z))
     return int(model.places.nearest(pose[None, :2])[0]) in asked.places[: asked.likely]
+
+
+def ranks(model: VotesModel, every: Sequence[tuple[NDArray[np.uint8], Float64]]) -> dict[str, list[int]]:
+    """How many places are ranked before the one nearest to where an image was taken, as it is and disturbed; none of a small map."""
+    if model.retrieval is None:
+        return {}
+    correlator, found = model.retrieval.correlator, dict[str, list[int]]()
+    for number, (name, condition) in enumerate(_DISTURBED.items()):
+        for index, (image, pose) in enumerate(every):
+            seen = image if condition is None else condition(image, np.random.default_rng([index, number]))
+            z, _ = orientations(Panorama(seen.astype(np.float32), None), model.settings)
+            likeness = correlator.likeness(correlator.projections(z))
+            rank = np.count_nonzero(likeness > likeness[model.places.nearest(pose[None, :2])[0]])
+            found.setdefault(name, []).append(int(rank))
+    return found
 
 
 def error_of(model: VotesModel, image: np.ndarray, pose: Float64) -> tuple[float, float]:
