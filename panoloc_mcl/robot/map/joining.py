@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from panoloc_mcl.robot.map.drives.common_errors import common_errors
 from panoloc_mcl.robot.map.keyframes import LOOP, Edges, Keyframes
 from panoloc_mcl.robot.map.mending import robot_edges
 from panoloc_mcl.robot.map.pairs import measure_pairs
@@ -71,7 +72,9 @@ def settled_together(
     sds[surveyed] = np.maximum(keyframes.sds[surveyed], [_FIXED_M, _FIXED_RAD])
     if not len(surveyed):
         sds[0] = [_FIXED_M, _FIXED_RAD]
-    solution = solve(both.poses, edges, Priors(both.poses.copy(), sds, robust=False))
+    owner = np.unique(both.drives, return_inverse=True)[1]
+    priors = Priors(both.poses.copy(), sds, robust=False)
+    solution = solve(both.poses, edges, priors, common=common_errors(edges, both.poses, owner))
     return replace(both, poses=solution.poses, covariances=solution.covariances, edges=solution.edges)
 
 

@@ -4,12 +4,14 @@ Least squares over SE(2) by Gauss-Newton on sparse normal equations (SciPy's Sup
 milliseconds, and the robot needs no other library for it). Wrong measurements are told by graduated non-convexity with the
 Geman-McClure function (Yang et al. 2020): the problem begins convex, where none is left out, and hardens until those that the others
 contradict weigh nothing. How large errors of measurements and of given poses usually are is not a constant but estimated from the graph
-itself (variance components): where given poses are as exact as images can tell, they are believed and nothing moves.
+itself (variance components): where given poses are as exact as images can tell, they are believed and nothing moves. Errors that many
+measurements have in common are unknowns, too: poses get no surer than these allow.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,6 +62,27 @@ class Priors:
 
 
 @dataclass(frozen=True, eq=False)
+class CommonErrors:
+    """Errors that many measurements have in common, each of unknown size.
+
+    Parameters
+    ----------
+    effects : sparse matrix of float64 (3 m, k)
+        What a unit of each adds to the measured relative poses, edge after edge.
+    sds : float64 (k,)
+        Standard deviations of their sizes.
+    """
+
+    effects: sparse.csc_matrix
+    sds: Float64
+
+    @classmethod
+    def none(cls, edges: int) -> Self:
+        """No such errors."""
+        return cls(sparse.csc_matrix((3 * edges, 0)), np.zeros(0))
+
+
+@dataclass(frozen=True, eq=False)
 class Solution:
     """What fits best.
 
@@ -85,7 +108,13 @@ class Solution:
     scale: float
 
 
-def solve(start: Float64, edges: Edges, priors: Priors, least_prior_sds: tuple[float, float] = (1e-4, 1e-5)) -> Solution:
+def solve(
+    start: Float64,
+    edges: Edges,
+    priors: Priors,
+    least_prior_sds: tuple[float, float] = (1e-4, 1e-5),
+    common: CommonErrors | None = None,
+) -> Solution:
     """Poses that fit edges and priors, with the variances of both estimated where they are not known.
 
     Parameters
@@ -97,16 +126,20 @@ def solve(start: Float64, edges: Edges, priors: Priors, least_prior_sds: tuple[f
     priors : Priors
     least_prior_sds : (float, float)
         Given poses are not thought more exact than this, metres and radians.
+    common : CommonErrors, optional
+        Of the edges.
     """
+    common = CommonErrors.none(len(edges)) if common is None else common
     images = edges.kinds != ODOMETRY
     free = np.isnan(priors.sds)
     least = np.array(least_prior_sds)
     scale, sds = 1.0, np.array([0.05, np.radians(1.0)])
     for _ in range(_ROUNDS):
-        problem = _Problem(edges, priors, scale, sds)
-        poses, edge_weights, prior_weights = problem.robust(start)
-        inverse = problem.covariances(poses, edge_weights, prior_weights)
-        new_scale = float(np.clip(scale * problem.spread(poses, edge_weights, prior_weights, images), *_SCALES))
+        problem = _Problem(edges, priors, common, scale, sds)
+        state, edge_weights, prior_weights = problem.robust(start)
+        poses = problem.poses(state)
+        inverse = problem.covariances(state, edge_weights, prior_weights)
+        new_scale = float(np.clip(scale * problem.spread(state, edge_weights, prior_weights, images), *_SCALES))
         new_sds = sds.copy()
         away = poses - priors.poses
         away[:, 2] = wrap_angle(away[:, 2])
@@ -143,9 +176,9 @@ def closure_error(edges: Edges) -> float:
 
 
 class _Problem:
-    """Residuals, weights and normal equations for fixed variances."""
+    """Residuals, weights and normal equations for fixed variances; the state holds 3 n unknowns of poses and k of common errors."""
 
-    def __init__(self, edges: Edges, priors: Priors, scale: float, prior_sds: Float64) -> None:
+    def __init__(self, edges: Edges, priors: Priors, common: CommonErrors, scale: float, prior_sds: Float64) -> None:
         self.edges = edges
         self.count = len(priors.poses)
         factor = np.where(edges.kinds == ODOMETRY, 1.0, scale)
@@ -154,54 +187,66 @@ class _Problem:
         with np.errstate(divide="ignore"):
             self.stiffness = np.where(np.isfinite(sds), 1.0 / sds, 0.0)
         self.priors = priors
+        index = np.arange(len(edges) + 1)
+        whole = sparse.bsr_matrix((self.whitening, index[:-1], index), shape=(3 * len(edges), 3 * len(edges)))
+        self.effects = sparse.csc_matrix(whole @ common.effects)
+        self.common_stiffness = 1.0 / common.sds
 
-    def edge_residuals(self, poses: Float64) -> Float64:
+    def poses(self, state: Float64) -> Float64:
+        """Of the state, float64 (n, 3)."""
+        return state[: 3 * self.count].reshape(-1, 3)
+
+    def edge_residuals(self, state: Float64) -> Float64:
         """Whitened, float64 (m, 3)."""
+        poses = self.poses(state)
         a, b = poses[self.edges.first], poses[self.edges.second]
         cos, sin = np.cos(a[:, 2]), np.sin(a[:, 2])
         dx, dy = b[:, 0] - a[:, 0], b[:, 1] - a[:, 1]
         found = np.column_stack([cos * dx + sin * dy, cos * dy - sin * dx, angle_difference(b[:, 2], a[:, 2])])
         residuals = found - self.edges.measured
         residuals[:, 2] = wrap_angle(residuals[:, 2])
-        return np.asarray(np.einsum("mij,mj->mi", self.whitening, residuals))
+        common = self.effects @ state[3 * self.count :]
+        return np.asarray(np.einsum("mij,mj->mi", self.whitening, residuals) - common.reshape(-1, 3))
 
-    def prior_residuals(self, poses: Float64) -> Float64:
+    def prior_residuals(self, state: Float64) -> Float64:
         """Whitened, float64 (n, 3)."""
-        residuals = poses - self.priors.poses
+        residuals = self.poses(state) - self.priors.poses
         residuals[:, 2] = wrap_angle(residuals[:, 2])
         return residuals * self.stiffness
 
     def robust(self, poses: Float64) -> tuple[Float64, Float64, Float64]:
-        """Poses, and weights of edges and priors, by graduated non-convexity."""
+        """The state, and weights of edges and priors, by graduated non-convexity."""
         sure = self.edges.kinds == ODOMETRY
-        edge_squares, prior_squares = self._squares(poses)
+        state = np.concatenate([poses.ravel(), np.zeros(len(self.common_stiffness))])
+        edge_squares, prior_squares = self._squares(state)
         worst = max(float(edge_squares[~sure].max(initial=0.0)), float(prior_squares.max(initial=0.0)) * self.priors.robust)
         hardness = max(1.0, 2.0 * worst / _USUAL)
         ends = 0
         while True:
             edge_weights = np.where(sure, 1.0, _geman_mcclure(edge_squares, hardness))
             prior_weights = _geman_mcclure(prior_squares, hardness) if self.priors.robust else np.ones(self.count)
-            step = self._step(poses, edge_weights, prior_weights)
-            poses = poses + step
-            poses[:, 2] = wrap_angle(poses[:, 2])
-            edge_squares, prior_squares = self._squares(poses)
+            step = self._step(state, edge_weights, prior_weights)
+            state = state + step
+            self.poses(state)[:, 2] = wrap_angle(self.poses(state)[:, 2])
+            edge_squares, prior_squares = self._squares(state)
             if hardness > 1.0:
                 hardness = max(1.0, hardness / _HARDENING)
                 continue
             ends += 1
-            still = np.abs(step[:, :2]).max() < _SMALL_M and np.abs(step[:, 2]).max() < _SMALL_RAD
+            moved = np.abs(self.poses(step))
+            still = moved[:, :2].max() < _SMALL_M and moved[:, 2].max() < _SMALL_RAD
             if still or ends >= _STEPS_AT_THE_END:
-                return poses, edge_weights, prior_weights
+                return state, edge_weights, prior_weights
 
-    def covariances(self, poses: Float64, edge_weights: Float64, prior_weights: Float64) -> Float64:
+    def covariances(self, state: Float64, edge_weights: Float64, prior_weights: Float64) -> Float64:
         """Of every pose, float64 (n, 3, 3): the blocks on the diagonal of the inverse."""
         # The loss weighs right measurements, too, by how well they happen to fit; how much is known does not depend on that.
         edge_weights, prior_weights = (np.where(w >= _AT_THE_BOUND, 1.0, w) for w in (edge_weights, prior_weights))
-        factor = splu(self._normal(poses, edge_weights, prior_weights)[0])
+        factor = splu(self._normal(state, edge_weights, prior_weights)[0])
         blocks = np.empty((self.count, 3, 3))
         for first in range(0, 3 * self.count, _BLOCK):
             last = min(first + _BLOCK, 3 * self.count)
-            unit = np.zeros((3 * self.count, last - first))
+            unit = np.zeros((len(state), last - first))
             unit[np.arange(first, last), np.arange(last - first)] = 1.0
             columns = factor.solve(unit)
             for node in range(first // 3, last // 3):
@@ -209,12 +254,12 @@ class _Problem:
                 blocks[node] = 0.5 * (block + block.T)
         return blocks
 
-    def spread(self, poses: Float64, edge_weights: Float64, prior_weights: Float64, images: NDArray[np.bool_]) -> float:
+    def spread(self, state: Float64, edge_weights: Float64, prior_weights: Float64, images: NDArray[np.bool_]) -> float:
         """Errors of measurements between images, in the standard deviations assumed; 1 where they are too few to say."""
         if not images.any():
             return 1.0
-        jacobian, _ = self._jacobian(poses, edge_weights)
-        factor = splu(self._normal(poses, edge_weights, prior_weights)[0])
+        jacobian, _ = self._jacobian(state, edge_weights)
+        factor = splu(self._normal(state, edge_weights, prior_weights)[0])
         # What the poses were fitted to looks smaller than it is: by the trace of the hat matrix, estimated by a few random signs.
         signs = np.random.default_rng(0).choice([-1.0, 1.0], (3 * len(self.edges), _PROBES)) * np.repeat(images, 3)[:, None]
         seen = jacobian.T @ signs
@@ -222,19 +267,19 @@ class _Problem:
         freedom = 1.0 - used / (3.0 * max(float(edge_weights[images].sum()), 1e-9))
         if freedom < _LEAST_FREEDOM:
             return 1.0
-        squares = np.sum(self.edge_residuals(poses)[images] ** 2, axis=1)
+        squares = np.sum(self.edge_residuals(state)[images] ** 2, axis=1)
         return float(np.sqrt(np.median(squares) / _MEDIAN / freedom))
 
-    def _squares(self, poses: Float64) -> tuple[Float64, Float64]:
-        return np.sum(self.edge_residuals(poses) ** 2, axis=1), np.sum(self.prior_residuals(poses) ** 2, axis=1)
+    def _squares(self, state: Float64) -> tuple[Float64, Float64]:
+        return np.sum(self.edge_residuals(state) ** 2, axis=1), np.sum(self.prior_residuals(state) ** 2, axis=1)
 
-    def _step(self, poses: Float64, edge_weights: Float64, prior_weights: Float64) -> Float64:
-        normal, right = self._normal(poses, edge_weights, prior_weights)
-        return np.asarray(splu(normal).solve(right).reshape(-1, 3))
+    def _step(self, state: Float64, edge_weights: Float64, prior_weights: Float64) -> Float64:
+        normal, right = self._normal(state, edge_weights, prior_weights)
+        return np.asarray(splu(normal).solve(right))
 
-    def _jacobian(self, poses: Float64, edge_weights: Float64) -> tuple[sparse.csc_matrix, Float64]:
-        """Of the whitened, weighted residuals of the edges, (3 m, 3 n), and the roots of their weights."""
-        edges, count = self.edges, self.count
+    def _jacobian(self, state: Float64, edge_weights: Float64) -> tuple[sparse.csc_matrix, Float64]:
+        """Of the whitened, weighted residuals of the edges, (3 m, 3 n + k), and the roots of their weights."""
+        edges, count, poses = self.edges, self.count, self.poses(state)
         a, b = poses[edges.first], poses[edges.second]
         cos, sin = np.cos(a[:, 2]), np.sin(a[:, 2])
         dx, dy = b[:, 0] - a[:, 0], b[:, 1] - a[:, 1]
@@ -249,16 +294,19 @@ class _Problem:
         rows = np.broadcast_to(3 * np.arange(len(edges))[:, None, None, None] + np.arange(3)[:, None], shape)
         columns = np.broadcast_to(3 * ends[:, :, None, None] + np.arange(3), shape)
         matrix = sparse.csc_matrix((jacobian.ravel(), (rows.ravel(), columns.ravel())), shape=(3 * len(edges), 3 * count))
-        return matrix, root[:, 0, 0]
+        roots = root[:, 0, 0]
+        return sparse.hstack([matrix, -sparse.diags(np.repeat(roots, 3)) @ self.effects], format="csc"), roots
 
-    def _normal(self, poses: Float64, edge_weights: Float64, prior_weights: Float64) -> tuple[sparse.csc_matrix, Float64]:
-        """Normal equations, of 3 n unknowns."""
-        of_edges, root = self._jacobian(poses, edge_weights)
+    def _normal(self, state: Float64, edge_weights: Float64, prior_weights: Float64) -> tuple[sparse.csc_matrix, Float64]:
+        """Normal equations, of 3 n + k unknowns."""
+        of_edges, root = self._jacobian(state, edge_weights)
         prior_root = np.sqrt(np.maximum(prior_weights, _LEAST_WEIGHT))[:, None] * self.stiffness
-        residuals = (self.edge_residuals(poses) * root[:, None]).ravel()
-        normal = of_edges.T @ of_edges + sparse.diags((prior_root**2).ravel() + 1e-9)
-        prior = self.prior_residuals(poses) * np.sqrt(np.maximum(prior_weights, _LEAST_WEIGHT))[:, None]
-        right = -(of_edges.T @ residuals) - (prior * prior_root).ravel()
+        residuals = (self.edge_residuals(state) * root[:, None]).ravel()
+        stiffness = np.concatenate([prior_root.ravel(), self.common_stiffness])
+        normal = of_edges.T @ of_edges + sparse.diags(stiffness**2 + 1e-9)
+        prior = self.prior_residuals(state) * np.sqrt(np.maximum(prior_weights, _LEAST_WEIGHT))[:, None]
+        common = state[3 * self.count :] * self.common_stiffness
+        right = -(of_edges.T @ residuals) - np.concatenate([prior.ravel(), common]) * stiffness
         return sparse.csc_matrix(normal), np.asarray(right)
 
 

@@ -18,6 +18,7 @@ from panoloc_mcl.robot.errors import ImageError, MapError
 from panoloc_mcl.robot.geometry import angle_difference, compose, fitted_motion
 from panoloc_mcl.robot.images import ImageSource, read_image
 from panoloc_mcl.robot.map.drives import Drive, check_drives
+from panoloc_mcl.robot.map.drives.common_errors import common_errors
 from panoloc_mcl.robot.map.drives.mapping import map_drives
 from panoloc_mcl.robot.map.drives.meetings import agreed_motion
 from panoloc_mcl.robot.map.held_out import Judgement, of_keyframes, pose_of, spread_over, used_keyframes, usual_agreement
@@ -204,7 +205,9 @@ def _localized(
     motion = agreed_motion(measured[sure], keyframes.poses[sure]) if len(sure) else None
     if motion is None:
         return "never meets the map"
-    solution = solve(compose(motion, keyframes.poses), keyframes.edges, Priors(measured, sds))
+    start = compose(motion, keyframes.poses)
+    common = common_errors(keyframes.edges, start, np.zeros(count, dtype=np.int64))
+    solution = solve(start, keyframes.edges, Priors(measured, sds), common=common)
     settled = replace(keyframes, poses=solution.poses, covariances=solution.covariances, edges=solution.edges)
     return _Seen(drive, files, settled, keyframes.poses, agreement, brightness)
 

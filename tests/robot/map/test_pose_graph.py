@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import sparse
 
 from panoloc_mcl.robot.geometry import angle_difference, between, compose
 from panoloc_mcl.robot.map.keyframes import LOOP, ODOMETRY, Edges
-from panoloc_mcl.robot.map.pose_graph import Priors, solve
+from panoloc_mcl.robot.map.pose_graph import CommonErrors, Priors, solve
 
 SD = np.array([0.004, 0.004, np.radians(0.05)])
 
@@ -121,3 +122,56 @@ def test_the_frame_does_not_matter(far: float, turn: float):
     expected = compose(np.array([far, -far, turn]), here.poses)
     np.testing.assert_allclose(there.poses[:, :2], expected[:, :2], atol=1e-6)
     np.testing.assert_allclose(angle_difference(there.poses[:, 2], expected[:, 2]), 0.0, atol=1e-6)
+
+
+def a_round(rng: np.random.Generator, turn: float) -> tuple[np.ndarray, np.ndarray, Edges, CommonErrors]:
+    """Twice round a circle: the truth, where dead reckoning ends, and steps and loops that all turn too far with the way ahead."""
+    angle = np.linspace(0.0, 4.0 * np.pi, 60)
+    truth = np.column_stack([2.0 * np.cos(angle), 2.0 * np.sin(angle), angle + np.pi / 2])
+    pairs = [(i, j) for i in range(60) for j in (i - 2, i - 1, i + 1, i + 2) if 0 <= j < 60]
+    pairs += [(i, i + 29) for i in range(0, 30, 3)]
+    first, second = np.array(pairs).T
+    relative = between(truth[first], truth[second])
+    relative[:, 2] += turn * relative[:, 0]
+    relative += rng.standard_normal(relative.shape) * SD
+    edges = Edges.of(np.array(pairs), relative, np.broadcast_to(np.diag(SD**2), (len(pairs), 3, 3)))
+    start = [truth[0]]
+    for i in range(59):
+        start.append(compose(start[-1], relative[pairs.index((i, i + 1))]))
+    effects = np.zeros((len(pairs), 3, 1))
+    effects[:, 2, 0] = relative[:, 0]
+    common = CommonErrors(sparse.csc_matrix(effects.reshape(-1, 1)), np.array([np.radians(0.5)]))
+    return truth, np.array(start), edges, common
+
+
+def test_a_turn_that_all_measurements_have_in_common_is_found_where_ways_close():
+    better = []
+    for seed in range(4):
+        truth, start, edges, common = a_round(np.random.default_rng(seed), np.radians(0.4))
+        sds = np.full((60, 2), np.inf)
+        sds[0] = 1e-4
+        priors = Priors(truth, sds, robust=False)
+        without, found = solve(start, edges, priors), solve(start, edges, priors, common=common)
+        better.append(rms(found.poses, truth) / rms(without.poses, truth))
+    assert max(better) < 0.7
+
+
+def test_poses_are_no_surer_than_errors_in_common_allow():
+    squares: list[float] = []
+    alone: list[float] = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        truth, start, edges, common = a_round(rng, float(rng.normal(0.0, np.radians(0.5))))
+        # Nothing closes: only the steps of the first round.
+        steps = edges.chosen((np.abs(edges.second - edges.first) == 1) & (np.maximum(edges.first, edges.second) < 25))
+        rows = np.flatnonzero((np.abs(edges.second - edges.first) == 1) & (np.maximum(edges.first, edges.second) < 25))
+        effects = common.effects[(3 * rows[:, None] + np.arange(3)).ravel()]
+        sds = np.full((25, 2), np.inf)
+        sds[0] = 1e-4
+        priors = Priors(truth[:25], sds, robust=False)
+        for collected, errors in ((squares, CommonErrors(sparse.csc_matrix(effects), common.sds)), (alone, None)):
+            found = solve(start[:25], steps, priors, common=errors)
+            away = float(angle_difference(found.poses[-1, 2], truth[24, 2]))
+            collected.append(away**2 / found.covariances[-1, 2, 2])
+    assert 0.3 < np.mean(squares) < 2.5
+    assert np.mean(alone) > 10.0

@@ -103,9 +103,9 @@ def cell(config: RunConfig, dataset: Dataset, row: Row, seed: int, every: int, p
         values: Values = {"seconds": time.process_time() - begin, "maps": {"": figures | {"localized": {}, "notes": notes}}}
         write_atomically(path, json.dumps(values))
         return values
+    drives = [d for d in dataset.select(config.sequences) if d.groundtruth is not None and d.name not in row.drives]
     maps, wrong = _maps(config, dataset, row, seed, progress)
     values = {"seconds": time.process_time() - begin, "maps": {}}
-    drives = [d for d in dataset.select(config.sequences) if d.groundtruth is not None and d.name not in row.drives]
     for name, (panorama_map, said) in maps.items():
         figures, frame = judged_keyframes(panorama_map.keyframes, dataset, wrong)
         of_drives = {drive.name: localized(config, panorama_map, drive, every, frame) for drive in drives}

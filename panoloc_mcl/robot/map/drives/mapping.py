@@ -18,6 +18,7 @@ from panoloc_mcl.robot.errors import MapError
 from panoloc_mcl.robot.files import Parts
 from panoloc_mcl.robot.geometry import between, wrap_angle
 from panoloc_mcl.robot.map.drives.choice import keyframes_of, references_of, that_show_something
+from panoloc_mcl.robot.map.drives.common_errors import common_errors
 from panoloc_mcl.robot.map.drives.drift import straightened
 from panoloc_mcl.robot.map.drives.drive import Drive, check_drives
 from panoloc_mcl.robot.map.drives.likeness import Likeness
@@ -259,7 +260,8 @@ class _Mapping:
         for drive in range(len(self.drives)):
             if drive == 0 or drive not in self.anchored:
                 sds[self.starts[drive]] = 1e-4
-        solution = solve(self.poses, self.odometry.joined(self.edges), Priors(self.poses.copy(), sds, robust=False))
+        edges, priors = self.odometry.joined(self.edges), Priors(self.poses.copy(), sds, robust=False)
+        solution = solve(self.poses, edges, priors, common=common_errors(edges, self.poses, self.owner))
         self.poses, self.covariances, self.solved = solution.poses, solution.covariances, solution.edges
         self.edges = self.solved.chosen(self.solved.kinds != ODOMETRY)
 
