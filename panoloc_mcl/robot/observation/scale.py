@@ -94,7 +94,8 @@ def resolution_of(references: ReferencePanoramas, settings: VotesSettings, threa
     shapes = list(_shapes((rows, columns), detail_columns(references)))
     if len(shapes) == 1 or len(np.unique(references.positions, axis=0)) < 2:
         return shapes[0]
-    groups = list(_groups(references))
+    # What is finer than the finest of them costs time and decides nothing.
+    groups = [references_at(group, shapes[0]) for group in _groups(references)]
     scores: list[Float64] = []
     with ThreadPoolExecutor(max_workers=threads) as pool:
         for shape in shapes:

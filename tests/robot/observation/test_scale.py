@@ -9,7 +9,7 @@ from oracles.rooms import BareRoom
 from oracles.scenes import grid
 
 from panoloc_mcl.robot.camera import Panorama, PanoramaGeometry
-from panoloc_mcl.robot.observation import VotesModel
+from panoloc_mcl.robot.observation import VotesModel, scale
 from panoloc_mcl.robot.observation.scale import _shapes, at_resolution, detail_columns, references_at, resolution_of
 from panoloc_mcl.robot.references import ReferencePanoramas
 from panoloc_mcl.robot.settings.observation import VotesSettings
@@ -63,6 +63,19 @@ def test_larger_images_are_brought_to_a_working_size(width: int) -> None:
     first = next(iter(_shapes((round(width * 290 / 720), width), float(width))))
     assert 480 <= first[1] <= 720
     assert first[0] / first[1] == pytest.approx(290 / 720, rel=0.01)
+
+
+def test_larger_images_are_brought_to_that_size_once(sharp, monkeypatch) -> None:
+    """What they show is compared at several resolutions, none of which is theirs: that was half of the time to build a map."""
+    widths, deflections = [], scale._deflections
+
+    def watched(group: ReferencePanoramas, shape: tuple[int, int], settings: VotesSettings):
+        widths.append(group.geometry.width)
+        return deflections(group, shape, settings)
+
+    monkeypatch.setattr(scale, "_deflections", watched)
+    assert resolution_of(enlarged(sharp, 3), SETTINGS) == (48, 120)
+    assert set(widths) == {120}
 
 
 def test_a_setting_has_the_last_word(sharp) -> None:
