@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import math
@@ -16,6 +17,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -254,7 +256,8 @@ class Parts:
     folder : Path, optional
         None: nothing is kept.
     key : str
-        Names what the parts were made of, 64 letters as of SHA-256; those of anything else are made anew.
+        Names what the parts were made of, 64 letters as of SHA-256; those of anything else, or by another version of this program, are
+        made anew.
     """
 
     def __init__(self, folder: Path | None = None, key: str = "") -> None:
@@ -330,11 +333,31 @@ class Parts:
     def _of(self, name: str, block: slice, make: Callable[[slice], Mapping[str, NDArray[Any]]]) -> Mapping[str, NDArray[Any]]:
         if self._folder is None:
             return make(block)
-        path = self._folder / name
+        path, made_of = self._folder / name, {"key": self._key, "code": _code()}
         with suppress(ValueError, OSError):
             header, arrays = read_arrays(path)
-            if header == {"key": self._key}:
+            if header == made_of:
                 return arrays
         made = make(block)
-        write_arrays(path, {"key": self._key}, made)
+        write_arrays(path, made_of, made)
         return made
+
+
+def remove_parts(folder: Path) -> None:
+    """Remove what `Parts` kept in a folder, and the folder itself if nothing else lies there; what cannot be removed stays."""
+    with suppress(OSError):
+        for path in list(folder.iterdir()):
+            # Also what `write_atomically` left of a part when its process was killed.
+            if re.fullmatch(r"[0-9a-f]{16}-.+\.npz|\.[0-9a-f]{16}-.+\.npz\.[a-z0-9_]{8}", path.name):
+                path.unlink(missing_ok=True)
+        folder.rmdir()
+
+
+@lru_cache(maxsize=1)
+def _code() -> str:
+    """Digest of the source that maps are made by: of all of the robot's wing."""
+    digest = hashlib.sha256()
+    wing = Path(__file__).parent
+    for file in sorted(wing.rglob("*.py")):
+        digest.update(file.relative_to(wing).as_posix().encode() + b"\0" + file.read_bytes() + b"\0")
+    return digest.hexdigest()

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from panoloc_mcl.laboratory.comparison.alone import COLUMNS as IMAGE_COLUMNS
 from panoloc_mcl.laboratory.comparison.alone import report_of_images, rows_of_images
@@ -306,8 +305,3 @@ def _as_cells_name_them(cells: Sequence[Cell], read: Mapping[str, Dataset]) -> d
     """Data sets by the paths that the cells' configurations hold."""
     by_path = {str(dataset.path.resolve()): dataset for dataset in read.values()} | dict(read)
     return {cell.config.dataset: by_path[cell.config.dataset] for cell in cells}
-
-
-def as_data(matrix: Matrix) -> dict[str, Any]:
-    """A matrix as plain data, to be changed and checked again."""
-    return matrix.model_dump(mode="json")

@@ -37,7 +37,7 @@ def write(path: Path, header: dict[str, Any], tensors: Tensors) -> None:
 
     Raises
     ------
-    MapError
+    OutputError
         The file cannot be written.
     """
     metadata = {"map": json.dumps({"format": FORMAT, **header}, sort_keys=True)}

@@ -248,7 +248,7 @@ class PanoramaMap:
 
         Raises
         ------
-        MapError
+        OutputError
             The file cannot be written.
         """
         references = self.references

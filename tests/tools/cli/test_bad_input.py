@@ -164,6 +164,13 @@ class TestMaps:
         assert done.code == 2
         assert sorted(path.name for path in tmp_path.iterdir()) == ["room", "taken", "work"]
 
+    def test_update_map_refuses_what_it_could_not_write_before_it_works(self, panoloc, room_map, small_room, tmp_path):
+        (tmp_path / "folder").mkdir()
+        done = panoloc("update-map", room_map, small_room, "--drives", "*", "-o", tmp_path / "folder")
+        assert done.code == 2
+        assert done.err.splitlines()[-1].endswith("folder: cannot be written (is a folder); check permissions and free space")
+        assert not (tmp_path / "folder.parts").exists()
+
     def test_build_map_says_what_the_user_should_know_of_the_map(self, panoloc, small_room, tmp_path):
         file = small_room / "dataset.yaml"
         file.write_text("\n".join(line for line in file.read_text().splitlines() if "height_m" not in line))

@@ -18,7 +18,7 @@ def test_a_map_from_a_drive_is_told_drawn_and_written_out(small_room, panoloc, t
     mapped = tmp_path / "drive.panomap"
     folder = getattr(small_room, "path", small_room)
     assert panoloc("build-map", folder, "-o", mapped, "--drives", "*", *FAST).code == 0
-    assert [file.name for file in tmp_path.iterdir() if file.suffix == ".unfinished"] == []
+    assert [file.name for file in tmp_path.iterdir() if file.suffix == ".parts"] == []
     built = PanoramaMap.load(mapped)
     assert len(built.keyframes) == len(built.references)
     assert len(built.keyframes.edges) > len(built.keyframes)
@@ -51,7 +51,7 @@ def test_a_map_is_replaced_by_its_update_or_stays_to_the_last_byte(small_room, p
     (line,) = answer["done"]
     assert line.startswith(f"drive {next(iter(read_dataset(small_room).sequences))}: ")
     assert (mapped.read_bytes() == before) == (not answer["changed"])
-    assert [file.name for file in tmp_path.iterdir() if file.suffix == ".unfinished"] == []
+    assert [file.name for file in tmp_path.iterdir() if file.suffix == ".parts"] == []
     # A map that is not there stays not there.
     assert panoloc("update-map", tmp_path / "none", small_room, "--drives", "*").code == 2
     assert not (tmp_path / "none").exists()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from panoloc_mcl.laboratory.benchmarks.campus.rooms import HEIGHT_M, SIZE_M, rooms
 from panoloc_mcl.robot.camera import PanoramaCamera, PanoramaGeometry
-from panoloc_mcl.robot.files import cache_folder
+from panoloc_mcl.robot.files import cache_folder, remove_parts
 from panoloc_mcl.robot.map.keyframes import Keyframes
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.observation import VotesModel
@@ -66,7 +65,7 @@ def build(count: int, columns: int = COLUMNS, progress: Progress = no_progress) 
         f"{count} rooms", references, camera, shape.shape[::-1], observation, 0, model.arrays(), keyframes, model.notes
     )
     made.save(path)
-    shutil.rmtree(parts)
+    remove_parts(parts)
     return path
 
 

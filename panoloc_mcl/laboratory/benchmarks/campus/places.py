@@ -23,8 +23,6 @@ from panoloc_mcl.robot.observation import VotesModel
 from panoloc_mcl.robot.observation.calibration import CONDITIONS, DIM, Disturb
 from panoloc_mcl.tools.config import config_from_mapping
 
-#: Of about a thousand places each.
-ROOMS = (1, 10, 100)
 # Images of the drive, so far apart, and those before which time is not taken.
 _DRIVE, _STEP_M, _BEFORE = 40, 0.05, 8
 _GLOBAL = 15

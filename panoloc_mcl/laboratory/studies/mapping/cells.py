@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +17,7 @@ from panoloc_mcl.laboratory.simulation.settings import Odometry
 from panoloc_mcl.laboratory.studies.mapping.judging import Values, judged_keyframes, localized
 from panoloc_mcl.laboratory.studies.mapping.surveys import SURVEYS, disturbed
 from panoloc_mcl.robot.errors import ConfigError
-from panoloc_mcl.robot.files import cache_folder, write_atomically
+from panoloc_mcl.robot.files import cache_folder, remove_parts, write_atomically
 from panoloc_mcl.robot.map.drives.mapping import map_drives
 from panoloc_mcl.robot.map.keyframes import Keyframes
 from panoloc_mcl.robot.map.mending import mend
@@ -151,7 +150,7 @@ def _maps(
             # What was stopped goes on.
             parts = path.with_suffix(".parts")
             built = PanoramaMap.of_drives(dataset.name, drives_of(erring, names)[0], *made, unfinished=parts)
-            shutil.rmtree(parts, ignore_errors=True)
+            remove_parts(parts)
         built.save(path)
         return built
 
@@ -162,7 +161,7 @@ def _maps(
     before = of([base])
     parts = _kept(config, dataset, row, seed, None, "parts")
     done = update_map(before, drives_of(erring, [later])[0], config.map, progress, parts)
-    shutil.rmtree(parts, ignore_errors=True)
+    remove_parts(parts)
     maps = {f"of {base}": (before, ()), "updated": (done.panorama_map, done.notes), f"of {later} alone": (of([later]), ())}
     return maps, []
 

@@ -23,8 +23,6 @@ from panoloc_mcl.robot.settings.localizer import MonteCarloSettings
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
-# Votes that say nothing new still keep their shape.
-_LEAST_NEW = 1e-3
 _TINY = float(np.finfo(np.float64).tiny)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Build and save; print what the map holds, what was moved, and last its path."""
     from panoloc_mcl.robot.errors import MapError
-    from panoloc_mcl.robot.files import check_writable
+    from panoloc_mcl.robot.files import check_writable, remove_parts
     from panoloc_mcl.robot.map.panorama_map import PanoramaMap
     from panoloc_mcl.tools.cli.monitor import monitor
     from panoloc_mcl.tools.config import Override, config_from_mapping
@@ -68,7 +67,7 @@ def execute(args: argparse.Namespace) -> int:
         for note in built.notes:
             watching.notice(f"map: {note}")
         built.save(args.output)
-        shutil.rmtree(parts, ignore_errors=True)
+        remove_parts(parts)
     report(built, args.output, args.json)
     return 0
 

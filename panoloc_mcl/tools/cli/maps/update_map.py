@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import shutil
 from pathlib import Path
 
 from panoloc_mcl.tools.cli.command import Command, add_json_option, add_set_option, overrides_of
@@ -21,6 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Update and save; print what was done, and last the path."""
+    from panoloc_mcl.robot.files import check_writable, remove_parts
     from panoloc_mcl.robot.map.panorama_map import PanoramaMap
     from panoloc_mcl.robot.map.updating import update_map
     from panoloc_mcl.tools.cli.maps.build_map import report
@@ -33,6 +33,7 @@ def execute(args: argparse.Namespace) -> int:
     path = args.output or args.map
     with monitor() as watching:
         old = PanoramaMap.load(args.map)
+        check_writable(Path(path))
         dataset = read_dataset(resolve_dataset(config.dataset), config.recording, old.camera)
         drives, said = drives_of(dataset, args.drives)
         for line in said:
@@ -44,7 +45,7 @@ def execute(args: argparse.Namespace) -> int:
             watching.notice(line)
         if done.changed or args.output is not None:
             done.panorama_map.save(path)
-        shutil.rmtree(parts, ignore_errors=True)
+        remove_parts(parts)
     report(done.panorama_map, path, args.json, changed=done.changed, done=list(done.notes))
     return 0
 
