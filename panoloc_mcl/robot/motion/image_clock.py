@@ -56,8 +56,9 @@ class ImageClock:
         # The last time between two images, seconds: without odometry it says when the next one is due.
         self._step = 0.0
         self.offset_s = 0.0
-        # Stamps of images in a row that came late, each later than the one before.
+        # Stamps of images in a row that came late, each later than the one before, and odometry's newest time at the first of them.
         self._late: list[float] = []
+        self._late_since = -math.inf
 
     def start_at(self, timestamp: float | None) -> None:
         """The belief begins anew at a time, seconds; None if that is not known."""
@@ -93,6 +94,7 @@ class ImageClock:
             return Finding()
         follows = bool(self._late) and 0.0 < timestamp - self._late[-1] <= self._settings.clock_jump_s
         self._late = [*self._late, timestamp] if follows else [timestamp]
+        self._late_since = self._late_since if follows else self._odometry.newest
         jumped = timestamp < self.now - self._settings.buffer_s
         if jumped or (timestamp < self._late_from() and self._odometry.newest < self.now):
             # Another clock altogether, or odometry's has jumped, too.
@@ -100,7 +102,8 @@ class ImageClock:
         if self._was_missing(timestamp):
             self._late = []
         # The very stamps that there were may be images that were sent again.
-        if len(self._late) < _LATE_IN_ROW + (timestamp in self._fused):
+        again = timestamp in self._fused
+        if len(self._late) < _LATE_IN_ROW + again or (again and self._came_at_once()):
             return Finding()
         # The first of them was taken one step after the last that was not late.
         by = self.now - self._late[0] + (self._late[-1] - self._late[-2])
@@ -114,6 +117,11 @@ class ImageClock:
             self.now = timestamp - 1e-6
             told = f"image stamps were set back by {by:.1f} s; going on from there"
         return Finding(told, Reason.CLOCK_SET_BACK)
+
+    def _came_at_once(self) -> bool:
+        """Whether late images came faster than they were taken, as those do that are sent again: time by odometry hardly went on."""
+        went_on = self._odometry.newest - self._late_since
+        return len(self._odometry) > 0 and went_on < 0.5 * (self._late[-1] - self._late[0])
 
     def _was_missing(self, timestamp: float) -> bool:
         """Whether there is a gap where a late image was taken, so that it was only held up."""
@@ -222,6 +230,7 @@ class ImageClock:
             "step": self._step,
             "offset_s": self.offset_s,
             "late": self._late,
+            "late_since": self._late_since if math.isfinite(self._late_since) else None,
         }
 
     def restore(self, values: Mapping[str, Any]) -> None:
@@ -230,6 +239,7 @@ class ImageClock:
         self._fused, self._paused = [float(time) for time in values["fused"]], bool(values["paused"])
         self._step, self.offset_s = float(values.get("step", 0.0)), float(values.get("offset_s", 0.0))
         self._late = [float(time) for time in values.get("late", ())]
+        self._late_since = -math.inf if values.get("late_since") is None else float(values["late_since"])
         self._set_back_s, self._restarts = self._odometry.set_back_s, self._odometry.restarts
         self.now, self._suspect = now, suspect
 

@@ -86,3 +86,26 @@ def test_a_restored_clock_goes_on_as_the_saved_one() -> None:
     clock.restore(json.loads(json.dumps(saved.snapshot())))
     assert "came twice" in clock.problem(1.0)
     assert taken(clock, 701.0) == taken(saved, 701.0) == 698.0
+
+
+@pytest.mark.parametrize("again", [3, 6])
+@pytest.mark.parametrize("at_once", [True, False])
+def test_images_that_are_sent_again_at_once_are_no_clock_that_was_set_back(again: int, at_once: bool) -> None:
+    odometry = OdometryBuffer(MotionSettings())
+    clock = ImageClock(MotionSettings(), odometry)
+    for time in np.arange(0.0, 10.5, 0.5):
+        odometry.add(float(time), np.array([0.2 * time, 0.0, 0.0]))
+        taken(clock, float(time))
+    told = ""
+    for number in range(again):
+        if not at_once:
+            time = 10.5 + 0.5 * number
+            odometry.add(time, np.array([0.2 * time, 0.0, 0.0]))
+        # The very stamps of images that there were.
+        stamp = 6.0 + 0.5 * number
+        told = told or clock.set_back(stamp + clock.offset_s)
+        if not clock.problem(stamp + clock.offset_s):
+            taken(clock, stamp + clock.offset_s)
+    assert bool(told) != at_once
+    assert clock.offset_s == (0.0 if at_once else 4.5)
+    assert clock.now == (10.0 if at_once else 6.0 + 0.5 * (again - 1) + 4.5)
