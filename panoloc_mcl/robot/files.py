@@ -339,7 +339,11 @@ class Parts:
             if header == made_of:
                 return arrays
         made = make(block)
-        write_arrays(path, made_of, made)
+        try:
+            write_arrays(path, made_of, made)
+        except OutputError:
+            # Another process that built the same map may have removed the folder just now.
+            write_arrays(path, made_of, made)
         return made
 
 

@@ -1,5 +1,6 @@
 """Parts of a build that are kept: by which program, and that removing them removes nothing else."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -44,3 +45,20 @@ def test_removing_parts_leaves_what_is_not_theirs(tmp_path: Path) -> None:
     remove_parts(folder)
     assert not folder.exists()
     remove_parts(folder)
+
+
+def test_a_build_goes_on_though_another_of_the_same_map_ends_while_it_writes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "hall.panomap.parts"
+    ends, synced = [True], os.fsync
+
+    def fsync(handle: int) -> None:
+        if ends and ends.pop():
+            remove_parts(folder)
+        synced(handle)
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    assert squares(folder, []) == [n * n for n in range(10)]
+    assert not ends
+    assert len(list(folder.iterdir())) == 3
