@@ -244,7 +244,7 @@ class Localizer(SavedState, TakesMessages):
         return moved or turned
 
     def _expected(self) -> Expected | None:
-        """Where a belief that is sure leads the image to be taken; None where nothing is expected of it."""
+        """Where the image was taken, as the belief predicts it; None if the belief has not converged, or tracking is off."""
         belief = self._filter.state()
         if not self.settings.tracking or belief.status is not Status.CONVERGED:
             return None

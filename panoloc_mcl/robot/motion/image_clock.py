@@ -85,7 +85,7 @@ class ImageClock:
         return self._odometry.set_back_s - self._set_back_s
 
     def set_back(self, timestamp: float) -> Finding:
-        """Whether this image is one of several that all come late and were not missing: then their clock was set back, and is followed.
+        """Whether the clock of the images was set back: several in a row come late, and no gap was left where they belong.
 
         With odometry the stamps are brought to its clock, which went on, by adding `offset_s`; without, time goes on from here.
         """

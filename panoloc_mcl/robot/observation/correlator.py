@@ -116,7 +116,7 @@ class Correlator:
     def with_others(self, others: Mapping[int, OfPlace]) -> Correlator:
         """The same, but for some places."""
         if not np.iscomplexobj(self.coefficients):
-            # Copies of a large map would need its memory once more: `likeness` asks who is another.
+            # Copies of a large map would need its memory once more: `likeness` and `at` look up these places in `instead`.
             made = replace(self, instead=others)
             made.__dict__.update(codes=self.codes, _usual_sizes=self._usual_sizes)
             return made
