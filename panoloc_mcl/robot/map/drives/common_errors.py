@@ -17,8 +17,8 @@ from panoloc_mcl.robot.geometry import between
 from panoloc_mcl.robot.map.keyframes import ODOMETRY, Edges
 from panoloc_mcl.robot.map.pose_graph import CommonErrors
 
-# Standard deviations, set on maps of six drives through the hall and the office whose camera's height was exact: turns in radians for
-# each metre ahead and lengths as a share, of all keyframes of a drive and of each by itself; and how far a keyframe seems turned.
+# Standard deviations, set on six maps of four drives through the hall and the office whose camera's height was exact: turns in radians
+# for each metre ahead and lengths as a share, of all keyframes of a drive and of each by itself; and how far a keyframe seems turned.
 _TURN_OF_DRIVE, _LENGTH_OF_ALL = np.radians(0.1), 0.003
 _TURN_OF_KEYFRAME, _LENGTH_OF_KEYFRAME = np.radians(0.08), 0.002
 _TURN_OF_IMAGE = np.radians(0.05)
