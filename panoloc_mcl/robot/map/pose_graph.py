@@ -16,7 +16,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 
 from panoloc_mcl.robot.geometry import angle_difference, between, compose, wrap_angle
 from panoloc_mcl.robot.map.keyframes import ODOMETRY, Edges
@@ -138,11 +138,11 @@ def solve(
         problem = _Problem(edges, priors, common, scale, sds)
         state, edge_weights, prior_weights = problem.robust(start)
         poses = problem.poses(state)
-        inverse = problem.covariances(state, edge_weights, prior_weights)
         new_scale = float(np.clip(scale * problem.spread(state, edge_weights, prior_weights, images), *_SCALES))
         new_sds = sds.copy()
         away = poses - priors.poses
         away[:, 2] = wrap_angle(away[:, 2])
+        inverse = problem.covariances(state, edge_weights, prior_weights) if free.any() else np.zeros((len(poses), 3, 3))
         for column, axes in enumerate(([0, 1], [2])):
             used = free[:, column] & (prior_weights > 0.3)
             if used.any():
@@ -154,7 +154,7 @@ def solve(
         if change < _SETTLED:
             break
     found = replace(edges, weights=edge_weights)
-    return Solution(poses, inverse, found, prior_weights, sds, scale)
+    return Solution(poses, problem.covariances(state, edge_weights, prior_weights), found, prior_weights, sds, scale)
 
 
 def closure_error(edges: Edges) -> float:
@@ -242,7 +242,7 @@ class _Problem:
         """Of every pose, float64 (n, 3, 3): the blocks on the diagonal of the inverse."""
         # The loss weighs right measurements, too, by how well they happen to fit; how much is known does not depend on that.
         edge_weights, prior_weights = (np.where(w >= _AT_THE_BOUND, 1.0, w) for w in (edge_weights, prior_weights))
-        factor = splu(self._normal(state, edge_weights, prior_weights)[0])
+        factor = _factor(self._normal(state, edge_weights, prior_weights)[0])
         blocks = np.empty((self.count, 3, 3))
         for first in range(0, 3 * self.count, _BLOCK):
             last = min(first + _BLOCK, 3 * self.count)
@@ -259,7 +259,7 @@ class _Problem:
         if not images.any():
             return 1.0
         jacobian, _ = self._jacobian(state, edge_weights)
-        factor = splu(self._normal(state, edge_weights, prior_weights)[0])
+        factor = _factor(self._normal(state, edge_weights, prior_weights)[0])
         # What the poses were fitted to looks smaller than it is: by the trace of the hat matrix, estimated by a few random signs.
         signs = np.random.default_rng(0).choice([-1.0, 1.0], (3 * len(self.edges), _PROBES)) * np.repeat(images, 3)[:, None]
         seen = jacobian.T @ signs
@@ -275,7 +275,7 @@ class _Problem:
 
     def _step(self, state: Float64, edge_weights: Float64, prior_weights: Float64) -> Float64:
         normal, right = self._normal(state, edge_weights, prior_weights)
-        return np.asarray(splu(normal).solve(right))
+        return np.asarray(_factor(normal).solve(right))
 
     def _jacobian(self, state: Float64, edge_weights: Float64) -> tuple[sparse.csc_matrix, Float64]:
         """Of the whitened, weighted residuals of the edges, (3 m, 3 n + k), and the roots of their weights."""
@@ -308,6 +308,11 @@ class _Problem:
         common = state[3 * self.count :] * self.common_stiffness
         right = -(of_edges.T @ residuals) - np.concatenate([prior.ravel(), common]) * stiffness
         return sparse.csc_matrix(normal), np.asarray(right)
+
+
+def _factor(normal: sparse.csc_matrix) -> SuperLU:
+    """Of a symmetric positive definite matrix: ordered by its own pattern, that few rows which touch all others come last."""
+    return splu(normal, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
 
 
 def _geman_mcclure(squares: Float64, hardness: float) -> Float64:
