@@ -70,7 +70,11 @@ class _ForgivingCache:
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
-            return self._cache.load_overload(sig, target_context)
+            found = self._cache.load_overload(sig, target_context)
+            # Two processes that compile a kernel for different types at once may name their files alike, and one overwrites the other.
+            if found is not None and tuple(found.signature.args) != tuple(getattr(sig, "args", sig)):
+                raise TypeError(f"kept for {found.signature.args}, asked for {sig}")
+            return found
         except Exception as error:
             _warn(
                 f"compiled kernels in {self._cache.cache_path} are damaged ({error}) and compiled again; delete them if this lasts"

@@ -60,3 +60,31 @@ def test_kernels_agree_with_their_oracles_without_the_compiler() -> None:
     )
     assert run.returncode == 0, run.stdout[-3000:]
     assert " passed" in run.stdout
+
+
+@pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="nothing is compiled")
+def test_a_kernel_that_was_kept_for_other_types_is_compiled_again(tmp_path: Path) -> None:
+    """As two processes leave it that compile at once, for different types, into one folder."""
+    (tmp_path / "one_kernel.py").write_text(
+        "from panoloc_mcl.robot.kernels.jit import kernel\n\n@kernel\ndef first(a):\n    return a[0]\n", encoding="utf-8"
+    )
+    paths = os.pathsep.join([str(HERE.parents[2]), str(tmp_path)])
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "kept"), "PYTHONPATH": paths}
+
+    def called_with(dtype: str) -> subprocess.CompletedProcess[str]:
+        code = f"import numpy, one_kernel; print(one_kernel.first(numpy.full(4, 2.5, numpy.{dtype})))"
+        return subprocess.run(
+            [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=120, check=False
+        )
+
+    assert called_with("float64").stdout == "2.5\n"
+    (data,) = (tmp_path / "kept").rglob("*.nbc")
+    other = data.read_bytes()
+    for file in (tmp_path / "kept").rglob("*.nb?"):
+        file.unlink()
+    assert called_with("float32").stdout == "2.5\n"
+    data.write_bytes(other)
+    mixed = called_with("float32")
+    assert mixed.stdout == "2.5\n"
+    assert "compiled again" in mixed.stderr
+    assert called_with("float32").stderr == ""
