@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
 import json
 import math
 import os
-import re
 import struct
 import tempfile
 import tokenize
 import zipfile
 import zlib
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +25,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 CACHE_VARIABLE = "PANOLOC_CACHE_DIR"
+#: Names of files that are being written end so.
+UNFINISHED = ".unfinished"
 
 _LONGEST_PREFIX = 200
 # What reading a damaged archive of arrays may raise.
@@ -114,7 +111,7 @@ def write_atomically(path: Path, content: bytes | str | Iterable[bytes | memoryv
         path.parent.mkdir(parents=True, exist_ok=True)
         # With its ending the name must not grow too long for the file system.
         name = path.name.encode()[:_LONGEST_PREFIX].decode(errors="ignore")
-        handle, temporary = tempfile.mkstemp(prefix=f".{name}.", dir=path.parent)
+        handle, temporary = tempfile.mkstemp(prefix=f".{name}.", suffix=UNFINISHED, dir=path.parent)
         with os.fdopen(handle, "wb") as stream:
             stream.writelines([content] if isinstance(content, bytes) else content)
             # On the disk before it gets its name: after a crash there is the old file or the new one.
@@ -180,8 +177,7 @@ def remove_unfinished(folder: Path) -> None:
         A file cannot be removed.
     """
     for path in list(folder.rglob(".*")):
-        # As mkstemp names them.
-        if re.fullmatch(r"\..+\.[a-z0-9_]{8}", path.name) and path.is_file():
+        if path.name.endswith(UNFINISHED) and path.is_file():
             try:
                 path.unlink()
             except OSError as error:
@@ -244,124 +240,3 @@ def _check_part(parts: zipfile.ZipFile, part: zipfile.ZipInfo, size: int) -> Non
         needed = math.prod(shape) * dtype.itemsize
         if dtype.hasobject or needed != part.file_size - stream.tell():
             raise ValueError(f"part {part.filename} says it holds {needed} bytes, and holds {part.file_size - stream.tell()}")
-
-
-class Parts:
-    """What a long build has worked out, in a folder beside its output: a build that was killed goes on there.
-
-    Steps are told apart by their names and, of one name, by their order: a build must take the same steps each time.
-
-    Parameters
-    ----------
-    folder : Path, optional
-        None: nothing is kept.
-    key : str
-        Names what the parts were made of, 64 letters as of SHA-256; those of anything else, or by another version of this program, are
-        made anew.
-    """
-
-    def __init__(self, folder: Path | None = None, key: str = "") -> None:
-        self._folder, self._key = folder, key
-        self._steps: Counter[str] = Counter()
-
-    def each(
-        self, name: str, count: int, size: int, make: Callable[[slice], Mapping[str, NDArray[Any]]]
-    ) -> Iterator[tuple[slice, Mapping[str, NDArray[Any]]]]:
-        """So many results in blocks of a size: where each block lies, and its arrays, which ``make`` makes where none are kept.
-
-        Raises
-        ------
-        OutputError
-            A part cannot be written.
-        """
-        self._steps[name] += 1
-        step = f"{self._key[:16]}-{name.replace(' ', '_')}-{self._steps[name]}"
-        for first in range(0, count, size):
-            block = slice(first, min(first + size, count))
-            yield block, self._of(f"{step}-{block.start}-{block.stop}.npz", block, make)
-
-    def listed(
-        self,
-        name: str,
-        count: int,
-        size: int,
-        work: Callable[[int], Iterable[Sequence[Any]]],
-        threads: int = 1,
-        progress: Callable[[int, int, str], None] = lambda done, total, what: None,
-    ) -> list[NDArray[Any]]:
-        """Columns of a table: the rows that ``work`` lists for each index, in their order; some indices are at work at once.
-
-        Parameters
-        ----------
-        name : str
-            As progress is told.
-        count : int
-            Of indices.
-        size : int
-            So many of them are kept together.
-        work : callable (index) -> rows
-            Numbers or arrays, of one type and shape in each column.
-        threads : int
-            The result does not depend on it.
-        progress : callable (done, total, what)
-            Is told of every index that was worked on.
-
-        Returns
-        -------
-        list of array (rows, ...)
-            None at all if there are no rows.
-
-        Raises
-        ------
-        OutputError
-            A part cannot be written.
-        """
-        import numpy as np
-
-        with ThreadPoolExecutor(max_workers=threads) as pool:
-
-            def block_of(block: slice) -> dict[str, NDArray[Any]]:
-                rows: list[Sequence[Any]] = []
-                for index, some in enumerate(pool.map(lambda one: list(work(one)), range(block.start, block.stop))):
-                    rows += some
-                    progress(block.start + index + 1, count, name)
-                return {str(number): np.array(column) for number, column in enumerate(zip(*rows, strict=True))}
-
-            blocks = [list(found.values()) for _, found in self.each(name, count, size, block_of) if found]
-        return [np.concatenate(column) for column in zip(*blocks, strict=True)]
-
-    def _of(self, name: str, block: slice, make: Callable[[slice], Mapping[str, NDArray[Any]]]) -> Mapping[str, NDArray[Any]]:
-        if self._folder is None:
-            return make(block)
-        path, made_of = self._folder / name, {"key": self._key, "code": _code()}
-        with suppress(ValueError, OSError):
-            header, arrays = read_arrays(path)
-            if header == made_of:
-                return arrays
-        made = make(block)
-        try:
-            write_arrays(path, made_of, made)
-        except OutputError:
-            # Another process that built the same map may have removed the folder just now.
-            write_arrays(path, made_of, made)
-        return made
-
-
-def remove_parts(folder: Path) -> None:
-    """Remove what `Parts` kept in a folder, and the folder itself if nothing else lies there; what cannot be removed stays."""
-    with suppress(OSError):
-        for path in list(folder.iterdir()):
-            # Also what `write_atomically` left of a part when its process was killed.
-            if re.fullmatch(r"[0-9a-f]{16}-.+\.npz|\.[0-9a-f]{16}-.+\.npz\.[a-z0-9_]{8}", path.name):
-                path.unlink(missing_ok=True)
-        folder.rmdir()
-
-
-@lru_cache(maxsize=1)
-def _code() -> str:
-    """Digest of the source that maps are made by: of all of the robot's wing."""
-    digest = hashlib.sha256()
-    wing = Path(__file__).parent
-    for file in sorted(wing.rglob("*.py")):
-        digest.update(file.relative_to(wing).as_posix().encode() + b"\0" + file.read_bytes() + b"\0")
-    return digest.hexdigest()

@@ -30,6 +30,7 @@ from panoloc_mcl.robot.files import cache_folder
 from panoloc_mcl.robot.images import ImageSource
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.observation import ObservationModel, model_named
+from panoloc_mcl.robot.source import source_digest
 from panoloc_mcl.tools.config import RunConfig
 from panoloc_mcl.tools.datasets import Dataset, read_dataset, resolve_dataset
 from panoloc_mcl.tools.datasets import Sequence as Drive
@@ -37,7 +38,6 @@ from panoloc_mcl.tools.datasets.references.thinning import thinned
 from panoloc_mcl.tools.datasets.splice import teleports_of
 from panoloc_mcl.tools.runs.map_cache import cached_map, cost_of_map
 from panoloc_mcl.tools.runs.pipeline import Task, check_task, localize, make_tasks
-from panoloc_mcl.tools.runs.source import source_digest
 
 # Parts that figures depend on, and those of them that change none.
 _WITH_FIGURES = (

@@ -22,7 +22,7 @@ from panoloc_mcl.laboratory.simulation.renderer import Daylight, LightTransport,
 from panoloc_mcl.laboratory.simulation.sun import light_of
 from panoloc_mcl.robot.errors import OutputError
 from panoloc_mcl.robot.files import cache_folder, read_arrays, write_arrays
-from panoloc_mcl.tools.runs.source import source_digest
+from panoloc_mcl.robot.source import source_digest
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

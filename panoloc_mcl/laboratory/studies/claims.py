@@ -15,8 +15,8 @@ from panoloc_mcl.laboratory.reports import Number
 from panoloc_mcl.robot.files import write_atomically
 from panoloc_mcl.robot.filters import Estimate, Status
 from panoloc_mcl.robot.geometry import FloatArray, angle_difference
+from panoloc_mcl.robot.source import source_digest
 from panoloc_mcl.tools.evaluation import consistency
-from panoloc_mcl.tools.runs.source import source_digest
 
 #: What claims depend on, beside data and settings.
 _SOURCE = ("robot/", "laboratory/corruptions/", "laboratory/studies/claims.py", "laboratory/studies/consistency.py")

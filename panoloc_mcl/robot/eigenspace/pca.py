@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.linalg import blas
 
 from panoloc_mcl.robot.errors import MapError
-from panoloc_mcl.robot.files import Parts
 from panoloc_mcl.robot.progress import Progress, no_progress
+from panoloc_mcl.robot.unfinished import Parts
 
 _BASIS_IMAGES = 300
 _BLOCK_PIXELS = 4096

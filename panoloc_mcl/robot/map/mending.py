@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.robot.files import Parts
 from panoloc_mcl.robot.geometry import compose, wrap_angle
 from panoloc_mcl.robot.map.keyframes import Edges, Keyframes, is_still
 from panoloc_mcl.robot.map.pairs import PairMeasurements, measure_pairs, neighbour_pairs
@@ -27,6 +26,7 @@ from panoloc_mcl.robot.settings.map import MapSettings
 from panoloc_mcl.robot.settings.observation import VotesSettings
 from panoloc_mcl.robot.synthesis import ViewSynthesizer, sweep_profiles
 from panoloc_mcl.robot.synthesis.spacing import usual_spacing
+from panoloc_mcl.robot.unfinished import Parts
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]

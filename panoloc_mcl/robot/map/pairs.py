@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from panoloc_mcl.robot.eigenspace.gradients import orientations
-from panoloc_mcl.robot.files import Parts
 from panoloc_mcl.robot.geometry import between
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.references import ReferencePanoramas
 from panoloc_mcl.robot.settings.observation import VotesSettings
 from panoloc_mcl.robot.synthesis import PoseRefiner, ViewSynthesizer
+from panoloc_mcl.robot.unfinished import Parts
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]

@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from panoloc_mcl.robot.eigenspace.gradients import orientations
-from panoloc_mcl.robot.files import Parts
 from panoloc_mcl.robot.map.keyframes import BELIEVED, Edges
 from panoloc_mcl.robot.observation import Places
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.settings.observation import VotesSettings
 from panoloc_mcl.robot.synthesis import PoseRefiner, ViewSynthesizer, synthetic_features, virtual_positions
+from panoloc_mcl.robot.unfinished import Parts
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.robot.camera import Panorama
-from panoloc_mcl.robot.files import Parts
 from panoloc_mcl.robot.geometry import angle_difference
 from panoloc_mcl.robot.observation.disturbances import bars, blobs, gain, random_pixels, spatial_light
 from panoloc_mcl.robot.observation.field import VoteField
@@ -33,6 +32,7 @@ from panoloc_mcl.robot.observation.regression import (
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.references import ReferencePanoramas
 from panoloc_mcl.robot.synthesis.spacing import usual_spacing
+from panoloc_mcl.robot.unfinished import Parts
 
 Float64 = NDArray[np.float64]
 

@@ -8,7 +8,6 @@ from scipy import fft
 
 from panoloc_mcl.robot.eigenspace.gradients import orientations
 from panoloc_mcl.robot.eigenspace.pca import eigenspace_of
-from panoloc_mcl.robot.files import Parts
 from panoloc_mcl.robot.observation.correlator import Correlator, complex_of, frequencies_kept, in_half
 from panoloc_mcl.robot.observation.overlap import block_energy, block_usable
 from panoloc_mcl.robot.observation.places import Places
@@ -16,6 +15,7 @@ from panoloc_mcl.robot.progress import Progress
 from panoloc_mcl.robot.references import ReferencePanoramas
 from panoloc_mcl.robot.settings.observation import VotesSettings
 from panoloc_mcl.robot.synthesis import ViewSynthesizer, synthetic_features
+from panoloc_mcl.robot.unfinished import Parts
 
 Complex64 = NDArray[np.complex64]
 

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.robot.eigenspace.gradients import orientations
 from panoloc_mcl.robot.errors import MapError
-from panoloc_mcl.robot.files import Parts
 from panoloc_mcl.robot.kernels.warping import column_agreement
 from panoloc_mcl.robot.observation.overlap import squared_magnitude
 from panoloc_mcl.robot.observation.places import Places
@@ -22,6 +21,7 @@ from panoloc_mcl.robot.references import ReferencePanoramas
 from panoloc_mcl.robot.settings.observation import VotesSettings
 from panoloc_mcl.robot.synthesis import ViewSynthesizer, check_poses, places_of, sweep_profiles
 from panoloc_mcl.robot.synthesis.spacing import LEAST_REACH_M, usual_spacing
+from panoloc_mcl.robot.unfinished import Parts
 
 Features = tuple[NDArray[np.complex64], NDArray[np.bool_]]
 

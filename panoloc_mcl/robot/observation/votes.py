@@ -18,7 +18,6 @@ from scipy.spatial import cKDTree
 
 from panoloc_mcl.robot.camera import Panorama
 from panoloc_mcl.robot.eigenspace.gradients import check_filter_size, orientations, useless
-from panoloc_mcl.robot.files import Parts
 from panoloc_mcl.robot.observation.base import Arrays
 from panoloc_mcl.robot.observation.calibration import DIM, Calibration, calibrate
 from panoloc_mcl.robot.observation.correlator import Correlator, OfPlace
@@ -41,6 +40,7 @@ from panoloc_mcl.robot.synthesis import (
     learn_source_errors,
     synthetic_features,
 )
+from panoloc_mcl.robot.unfinished import Parts
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]

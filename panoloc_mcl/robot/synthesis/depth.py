@@ -17,12 +17,12 @@ from scipy.spatial import cKDTree
 
 from panoloc_mcl.robot.camera import PanoramaGeometry
 from panoloc_mcl.robot.eigenspace.gradients import orientations
-from panoloc_mcl.robot.files import Parts
 from panoloc_mcl.robot.kernels.warping import column_agreement
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.references import ReferencePanoramas
 from panoloc_mcl.robot.settings.observation import VotesSettings
 from panoloc_mcl.robot.synthesis.views import ViewSynthesizer
+from panoloc_mcl.robot.unfinished import Parts
 
 Float64 = NDArray[np.float64]
 

@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.robot.camera import Panorama
 from panoloc_mcl.robot.eigenspace.gradients import orientations
-from panoloc_mcl.robot.files import Parts
 from panoloc_mcl.robot.geometry import angle_difference
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.settings.observation import VotesSettings
 from panoloc_mcl.robot.synthesis.refinement import PoseRefiner
 from panoloc_mcl.robot.synthesis.source_errors import UNKNOWN, SourceErrors, shares, sharpness_of
 from panoloc_mcl.robot.synthesis.views import ViewSynthesizer
+from panoloc_mcl.robot.unfinished import Parts
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]

@@ -21,7 +21,6 @@ from scipy import fft
 from scipy.spatial import cKDTree
 
 from panoloc_mcl.robot.eigenspace.gradients import orientations
-from panoloc_mcl.robot.files import Parts
 from panoloc_mcl.robot.geometry import wrap_angle
 from panoloc_mcl.robot.kernels.warping import column_agreement
 from panoloc_mcl.robot.progress import Progress, no_progress
@@ -29,6 +28,7 @@ from panoloc_mcl.robot.settings.observation import VotesSettings
 from panoloc_mcl.robot.synthesis.spacing import usual_spacing
 from panoloc_mcl.robot.synthesis.views import ViewSynthesizer
 from panoloc_mcl.robot.synthesis.virtual_places import synthetic_features, virtual_positions
+from panoloc_mcl.robot.unfinished import Parts
 
 Float64 = NDArray[np.float64]
 Complex64 = NDArray[np.complex64]

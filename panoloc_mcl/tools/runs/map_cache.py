@@ -20,9 +20,9 @@ from panoloc_mcl.robot.observation import build_settings, model_named
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.settings.config import ObservationSettings
 from panoloc_mcl.robot.settings.map import MapSettings
+from panoloc_mcl.robot.source import OF_MAPS, source_digest
 from panoloc_mcl.tools.conventions import reference_findings
 from panoloc_mcl.tools.datasets import Dataset
-from panoloc_mcl.tools.runs.source import OF_MAPS, source_digest
 
 _PEERS = "laboratory/peers/"
 _SECONDS = ".seconds"

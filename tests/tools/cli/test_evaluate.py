@@ -77,8 +77,9 @@ def test_a_foreign_trajectory_has_the_errors_that_evo_gives(panoloc, foreign, fu
     assert done.code == 0
     found = json.loads(done.out)["metrics"]["overall"]
     own = json.loads((full_run.folder / "metrics.json").read_text())["sequences"]["noon_00"]
+    steps = (full_run.folder / "noon_00" / "run_0" / "steps.csv").read_text()
     for name in ("frames", "ape_rmse_m", "within", "tracks_lost"):
-        assert found[name] == own[name], name
+        assert found[name] == own[name], (name, full_run, steps)
     assert found["frames_to_converge_median"] is None
     assert found["global_success"]["rate"] is None
     assert found["recognition"]["rate"] is None

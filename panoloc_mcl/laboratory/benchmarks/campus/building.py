@@ -10,14 +10,15 @@ from threadpoolctl import threadpool_limits
 
 from panoloc_mcl.laboratory.benchmarks.campus.rooms import HEIGHT_M, SIZE_M, rooms
 from panoloc_mcl.robot.camera import PanoramaCamera, PanoramaGeometry
-from panoloc_mcl.robot.files import cache_folder, remove_parts
+from panoloc_mcl.robot.files import cache_folder
 from panoloc_mcl.robot.map.keyframes import Keyframes
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.observation import VotesModel
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.references import ReferencePanoramas
 from panoloc_mcl.robot.settings.observation import ObservationSettings, VotesSettings
-from panoloc_mcl.tools.runs.source import source_digest
+from panoloc_mcl.robot.source import source_digest
+from panoloc_mcl.robot.unfinished import remove_parts
 
 Float64 = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from panoloc_mcl.laboratory.simulation.settings import Odometry
 from panoloc_mcl.laboratory.studies.mapping.judging import Values, judged_keyframes, localized
 from panoloc_mcl.laboratory.studies.mapping.surveys import SURVEYS, disturbed
 from panoloc_mcl.robot.errors import ConfigError
-from panoloc_mcl.robot.files import cache_folder, remove_parts, write_atomically
+from panoloc_mcl.robot.files import cache_folder, write_atomically
 from panoloc_mcl.robot.map.drives.mapping import map_drives
 from panoloc_mcl.robot.map.keyframes import Keyframes
 from panoloc_mcl.robot.map.mending import mend
@@ -25,10 +25,11 @@ from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.map.updating import update_map
 from panoloc_mcl.robot.observation import build_settings
 from panoloc_mcl.robot.progress import Progress
+from panoloc_mcl.robot.source import OF_MAPS, source_digest
+from panoloc_mcl.robot.unfinished import remove_parts
 from panoloc_mcl.tools.config import RunConfig
 from panoloc_mcl.tools.datasets import Dataset
 from panoloc_mcl.tools.runs.map_drives import drives_of
-from panoloc_mcl.tools.runs.source import OF_MAPS, source_digest
 
 # What figures depend on beside the maps.
 _OF_CELLS = (*OF_MAPS, "robot/filters/", "robot/localizer.py", "robot/motion/", "laboratory/studies/mapping/")

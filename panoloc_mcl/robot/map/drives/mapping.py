@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.robot.errors import MapError
-from panoloc_mcl.robot.files import Parts
 from panoloc_mcl.robot.geometry import between, wrap_angle
 from panoloc_mcl.robot.map.drives.choice import keyframes_of, references_of, that_show_something
 from panoloc_mcl.robot.map.drives.common_errors import common_errors
@@ -33,6 +32,7 @@ from panoloc_mcl.robot.references import ReferencePanoramas, References, read_re
 from panoloc_mcl.robot.settings.map import MapSettings
 from panoloc_mcl.robot.settings.observation import VotesSettings
 from panoloc_mcl.robot.synthesis import ViewSynthesizer, sweep_profiles
+from panoloc_mcl.robot.unfinished import Parts
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.robot.files import Parts
 from panoloc_mcl.robot.geometry import angle_difference, compose, inverse, wrap_angle
 from panoloc_mcl.robot.map.drives.likeness import Likeness
 from panoloc_mcl.robot.map.pairs import measure_pairs
 from panoloc_mcl.robot.settings.observation import VotesSettings
 from panoloc_mcl.robot.synthesis import ViewSynthesizer
+from panoloc_mcl.robot.unfinished import Parts
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]

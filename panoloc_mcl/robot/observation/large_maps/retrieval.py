@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.robot.camera import Panorama
-from panoloc_mcl.robot.files import Parts
 from panoloc_mcl.robot.observation.calibration import CONDITIONS, DIM, dark_and_noisy
 from panoloc_mcl.robot.observation.correlator import Correlator
 from panoloc_mcl.robot.observation.large_maps.asked import SPREAD, Asked, evenly
 from panoloc_mcl.robot.observation.places import Places
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.references import ReferencePanoramas
+from panoloc_mcl.robot.unfinished import Parts
 
 Int64 = NDArray[np.int64]
 Float64 = NDArray[np.float64]

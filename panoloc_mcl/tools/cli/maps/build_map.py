@@ -33,8 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Build and save; print what the map holds, what was moved, and last its path."""
     from panoloc_mcl.robot.errors import MapError
-    from panoloc_mcl.robot.files import check_writable, remove_parts
+    from panoloc_mcl.robot.files import check_writable
     from panoloc_mcl.robot.map.panorama_map import PanoramaMap
+    from panoloc_mcl.robot.unfinished import remove_parts
     from panoloc_mcl.tools.cli.monitor import monitor
     from panoloc_mcl.tools.config import Override, config_from_mapping
     from panoloc_mcl.tools.conventions import drive_findings, reference_findings

@@ -20,9 +20,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Update and save; print what was done, and last the path."""
-    from panoloc_mcl.robot.files import check_writable, remove_parts
+    from panoloc_mcl.robot.files import check_writable
     from panoloc_mcl.robot.map.panorama_map import PanoramaMap
     from panoloc_mcl.robot.map.updating import update_map
+    from panoloc_mcl.robot.unfinished import remove_parts
     from panoloc_mcl.tools.cli.maps.build_map import report
     from panoloc_mcl.tools.cli.monitor import monitor
     from panoloc_mcl.tools.config import Override, config_from_mapping

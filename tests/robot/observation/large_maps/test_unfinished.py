@@ -9,9 +9,9 @@ from oracles.scenes import grid
 
 from panoloc_mcl.robot.camera import PanoramaGeometry
 from panoloc_mcl.robot.eigenspace import pca
-from panoloc_mcl.robot.files import Parts
 from panoloc_mcl.robot.observation import VotesModel
 from panoloc_mcl.robot.settings.observation import VirtualPlacesSettings, VotesSettings
+from panoloc_mcl.robot.unfinished import Parts
 
 REFERENCES = BareRoom().references(PanoramaGeometry(60, 24, -50.0, 25.0), grid(3, 2))
 SETTINGS = VotesSettings(

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from panoloc_mcl.robot import files
-from panoloc_mcl.robot.files import Parts, remove_parts
+from panoloc_mcl.robot import unfinished
+from panoloc_mcl.robot.unfinished import Parts, remove_parts
 
 KEY = "0123456789abcdef" * 4
 
@@ -25,7 +25,7 @@ def test_parts_of_another_version_of_the_program_are_made_anew(tmp_path: Path, m
     expected = squares(tmp_path, made)
     assert squares(tmp_path, made) == expected
     assert len(made) == 3
-    monkeypatch.setattr(files, "_code", lambda: "another")
+    monkeypatch.setattr(unfinished, "source_digest", lambda parts: "another")
     assert squares(tmp_path, made) == expected
     assert len(made) == 6
 
@@ -34,7 +34,7 @@ def test_removing_parts_leaves_what_is_not_theirs(tmp_path: Path) -> None:
     folder = tmp_path / "hall.panomap.parts"
     squares(folder, [])
     # As a killed process leaves it.
-    (folder / f".{next(folder.iterdir()).name}.ab_c1234").write_bytes(b"")
+    (folder / f".{next(folder.iterdir()).name}.ab_c1234.unfinished").write_bytes(b"")
     (folder / "notes.txt").write_text("mine")
     (folder / "mine.npz").write_bytes(b"mine")
     remove_parts(folder)

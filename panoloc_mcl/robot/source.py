@@ -7,9 +7,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 
-import panoloc_mcl
-
-_ROOT = Path(panoloc_mcl.__file__).parent
+_ROOT = Path(__file__).parents[1]
 
 #: What a map depends on beside its references and settings.
 OF_MAPS = (
@@ -36,10 +34,11 @@ def source_digest(parts: tuple[str, ...] = ("",), without: tuple[str, ...] = ())
     without : tuple of str
         Beginnings of paths that do not count.
     """
-    digest = hashlib.sha256(panoloc_mcl.__version__.encode())
+    digest = hashlib.sha256()
     for file in sorted(_ROOT.rglob("*.py")):
         name = file.relative_to(_ROOT).as_posix()
-        if name.startswith(parts) and not name.startswith(without):
+        # The package's own page holds its version, which counts for all.
+        if name == "__init__.py" or (name.startswith(parts) and not name.startswith(without)):
             digest.update("\n".join([name, *_code(file.read_text(encoding="utf-8").splitlines())]).encode())
     return digest.hexdigest()[:16]
 

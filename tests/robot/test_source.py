@@ -1,6 +1,5 @@
-import panoloc_mcl
-from panoloc_mcl.tools.runs import source
-from panoloc_mcl.tools.runs.source import OF_MAPS, source_digest
+from panoloc_mcl.robot import source
+from panoloc_mcl.robot.source import OF_MAPS, source_digest
 
 
 def test_every_part_exists():
@@ -11,6 +10,7 @@ def test_every_part_exists():
 def test_the_digest_goes_with_code_and_not_with_comments(tmp_path, monkeypatch):
     monkeypatch.setattr(source, "_ROOT", tmp_path)
     (tmp_path / "robot").mkdir()
+    (tmp_path / "__init__.py").write_text('__version__ = "1"\n')
 
     def digest(text, *parts):
         (tmp_path / "robot" / "a.py").write_text(text)
@@ -26,10 +26,13 @@ def test_the_digest_goes_with_code_and_not_with_comments(tmp_path, monkeypatch):
     source_digest.cache_clear()
 
 
-def test_the_version_counts(monkeypatch):
-    source_digest.cache_clear()
-    now = source_digest()
-    monkeypatch.setattr(panoloc_mcl, "__version__", "99")
-    source_digest.cache_clear()
-    assert source_digest() != now
+def test_the_version_counts(tmp_path, monkeypatch):
+    monkeypatch.setattr(source, "_ROOT", tmp_path)
+
+    def digest(text):
+        (tmp_path / "__init__.py").write_text(text)
+        source_digest.cache_clear()
+        return source_digest(("robot/",))
+
+    assert digest('__version__ = "1"\n') != digest('__version__ = "2"\n')
     source_digest.cache_clear()
