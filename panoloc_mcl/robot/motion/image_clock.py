@@ -47,6 +47,8 @@ class ImageClock:
         self.now: float | None = None
         # As far back as late images are taken.
         self._fused: list[float] = []
+        # Time of the newest image: earlier than the belief's where the belief began anew at a time that no image had reached.
+        self._newest = -math.inf
         # Time stamp of the last image that was left out because it is so far from the others.
         self._suspect: float | None = None
         # The next image follows on a pause of unknown length.
@@ -73,6 +75,7 @@ class ImageClock:
         back, self._set_back_s = self.owed_s, self._odometry.set_back_s
         if back and self.now is not None:
             self.now, self._fused = self.now - back, [time - back for time in self._fused]
+            self._newest -= back
             self.offset_s = self.offset_s - back if self.offset_s > _BEHIND_S else 0.0
         if self._restarts != self._odometry.restarts:
             self._restarts = self._odometry.restarts
@@ -89,7 +92,7 @@ class ImageClock:
 
         With odometry the stamps are brought to its clock, which went on, by adding `offset_s`; without, time goes on from here.
         """
-        if self.now is None or self._paused or not math.isfinite(timestamp) or timestamp >= self.now - _BEHIND_S:
+        if self.now is None or self._paused or not math.isfinite(timestamp) or timestamp >= self._newest - _BEHIND_S:
             self._late = []
             return Finding()
         follows = bool(self._late) and 0.0 < timestamp - self._late[-1] <= self._settings.clock_jump_s
@@ -106,7 +109,7 @@ class ImageClock:
         if len(self._late) < _LATE_IN_ROW + again or (again and self._came_at_once()):
             return Finding()
         # The first of them was taken one step after the last that was not late.
-        by = self.now - self._late[0] + (self._late[-1] - self._late[-2])
+        by = self._newest - self._late[0] + (self._late[-1] - self._late[-2])
         went = by if len(self._odometry) else 0.0
         # Those before this one were of the new time, too.
         self._late, self._fused = [], [time + went for time in self._late[:-1]]
@@ -114,7 +117,7 @@ class ImageClock:
             self.offset_s += by
             told = f"image stamps were set back by {by:.1f} s and odometry's were not; so much is added to them"
         else:
-            self.now = timestamp - 1e-6
+            self.now = self._newest = timestamp - 1e-6
             told = f"image stamps were set back by {by:.1f} s; going on from there"
         return Finding(told, Reason.CLOCK_SET_BACK)
 
@@ -175,6 +178,7 @@ class ImageClock:
             # Odometry by the old clock would only mislead.
             self._odometry.clear()
         self.now, self._fused, self._suspect = self._suspect, [], None
+        self._newest = self.now
         return jump
 
     def is_late(self, timestamp: float) -> bool:
@@ -186,6 +190,7 @@ class ImageClock:
         if not self.is_late(timestamp):
             self._step = 0.0 if self.now is None else timestamp - self.now
             self.now = timestamp
+        self._newest = max(self._newest, timestamp)
         bisect.insort(self._fused, timestamp)
         while self._fused and self._fused[0] < self._late_from():
             self._fused.pop(0)
@@ -225,6 +230,7 @@ class ImageClock:
         return {
             "now": self.now,
             "fused": self._fused,
+            "newest": self._newest if math.isfinite(self._newest) else None,
             "suspect": self._suspect,
             "paused": self._paused,
             "step": self._step,
@@ -241,6 +247,8 @@ class ImageClock:
         self._late = [float(time) for time in values.get("late", ())]
         self._late_since = -math.inf if values.get("late_since") is None else float(values["late_since"])
         self._set_back_s, self._restarts = self._odometry.set_back_s, self._odometry.restarts
+        newest = values.get("newest", now)
+        self._newest = -math.inf if newest is None else float(newest)
         self.now, self._suspect = now, suspect
 
 

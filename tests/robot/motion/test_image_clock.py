@@ -109,3 +109,23 @@ def test_images_that_are_sent_again_at_once_are_no_clock_that_was_set_back(again
     assert bool(told) != at_once
     assert clock.offset_s == (0.0 if at_once else 4.5)
     assert clock.now == (10.0 if at_once else 6.0 + 0.5 * (again - 1) + 4.5)
+
+
+@pytest.mark.parametrize("ahead", [0.0, 3.0, 6.0, 20.0])
+def test_images_that_come_behind_a_pose_that_was_given_are_no_clock_that_was_set_back(ahead: float) -> None:
+    """On a slow machine images come seconds behind odometry, at whose newest time somebody gives a pose."""
+    odometry = OdometryBuffer(MotionSettings())
+    clock = ImageClock(MotionSettings(), odometry)
+    told = []
+    for number in range(12):
+        time = 0.8 * number
+        while odometry.newest < time + ahead:
+            after = 0.0 if not len(odometry) else odometry.newest + 0.2
+            odometry.add(after, np.array([0.2 * after, 0.0, 0.0]))
+        if number == 5:
+            clock.start_at(odometry.newest)
+        told.append(clock.set_back(time + clock.offset_s))
+        if not clock.problem(time + clock.offset_s):
+            clock.fuse(time + clock.offset_s)
+    assert not any(told)
+    assert clock.offset_s == 0.0
