@@ -21,11 +21,12 @@ from panoloc_mcl.robot.map.drives.mapping import map_drives
 from panoloc_mcl.robot.map.headings import with_headings
 from panoloc_mcl.robot.map.keyframes import Keyframes
 from panoloc_mcl.robot.map.mending import Mended, mend
+from panoloc_mcl.robot.map.own_body import with_found_mask
 from panoloc_mcl.robot.observation import ObservationModel, Places, differences, model_named
 from panoloc_mcl.robot.observation.base import Arrays
 from panoloc_mcl.robot.observation.scale import references_at, resolution_of
 from panoloc_mcl.robot.progress import Progress, no_progress
-from panoloc_mcl.robot.references import Recorded, ReferencePanoramas
+from panoloc_mcl.robot.references import Recorded, ReferencePanoramas, References
 from panoloc_mcl.robot.settings.map import MapSettings
 from panoloc_mcl.robot.settings.observation import ObservationSettings, all_observation_settings
 from panoloc_mcl.robot.synthesis.explained_rows import explained
@@ -57,6 +58,8 @@ class PanoramaMap:
         Poses of the references with covariances, and which see which.
     notes : tuple of str
         What the user should know of how the map turned out.
+    found_body : bool
+        Whether the camera's mask was found in the references, where nobody gave one.
     """
 
     name: str
@@ -68,6 +71,7 @@ class PanoramaMap:
     arrays: Arrays
     keyframes: Keyframes
     notes: tuple[str, ...] = ()
+    found_body: bool = False
 
     def __post_init__(self) -> None:
         # Views made from references err by what these are off.
@@ -112,11 +116,13 @@ class PanoramaMap:
                 return references_at(references, resolution_of(references, observation.votes, threads))
 
             settings = settings or MapSettings()
-            source, turned = with_headings(dataset.references, observation.votes, settings, progress, threads)
+            source, body = _without_body(dataset.references) if settings.find_body else (dataset.references, ())
+            source, turned = with_headings(source, observation.votes, settings, progress, threads)
             source, left_out = explained(source, observation.votes, as_compared, threads)
             mended = mend(source, observation.votes, settings, progress, unfinished)
-        mended = replace(mended, notes=(*turned, *left_out, *mended.notes))
-        return cls.of_keyframes(dataset.name, mended, observation, seed, progress, unfinished)
+        mended = replace(mended, notes=(*body, *turned, *left_out, *mended.notes))
+        built = cls.of_keyframes(dataset.name, mended, observation, seed, progress, unfinished)
+        return replace(built, found_body=bool(body))
 
     @classmethod
     def of_drives(
@@ -148,7 +154,8 @@ class PanoramaMap:
         observation = observation or ObservationSettings()
         with threadpool_limits(1, user_api="blas"):
             mended = map_drives(drives, observation.votes, settings or MapSettings(), progress, unfinished)
-        return cls.of_keyframes(name, mended, observation, seed, progress, unfinished)
+        built = cls.of_keyframes(name, mended, observation, seed, progress, unfinished)
+        return replace(built, found_body=built.camera.mask is not None and drives[0].camera.mask is None)
 
     @classmethod
     def of_keyframes(
@@ -227,6 +234,7 @@ class PanoramaMap:
         """
         if camera is None:
             return Unwrapper(self.camera, image_size or self.image_size, self.geometry)
+        camera = self.as_found(camera, image_size)
         mine, theirs = self.references.camera_height_m, camera.height_m
         if mine is not None and theirs is not None and abs(theirs - mine) > _HEIGHT_TOLERANCE * mine:
             raise MapError(
@@ -242,6 +250,21 @@ class PanoramaMap:
                 "a map with a camera that sees the same elevations"
             )
         return unwrapper
+
+    def as_found(self, camera: Camera, image_size: tuple[int, int] | None = None) -> Camera:
+        """A camera with the mask that was found in the references, if it is the same camera and has none of its own.
+
+        Parameters
+        ----------
+        camera : AnyCamera
+        image_size : (int, int), optional
+            Width and height of its images; as the references if left out.
+        """
+        if not self.found_body or camera.mask is not None or (image_size or self.image_size) != self.image_size:
+            return camera
+        masked = camera.model_copy(update={"mask": self.camera.mask})
+        # Stamps do not change what it sees.
+        return masked if masked == self.camera.model_copy(update={"time_offset_s": camera.time_offset_s}) else camera
 
     def save(self, path: str | Path) -> None:
         """Write the map, whole or not at all.
@@ -271,6 +294,7 @@ class PanoramaMap:
             "observation": self.observation.model_dump(mode="json", include={"model", self.observation.model}),
             "seed": self.seed,
             "notes": list(self.notes),
+            "found_body": self.found_body,
         }
         map_file.write(Path(path), header, tensors)
 
@@ -314,7 +338,14 @@ class PanoramaMap:
             map_file.part(tensors, "model"),
             _keyframes(references, map_file.part(tensors, "keyframes"), header.get("keyframes")),
             tuple(str(note) for note in header.get("notes", ())),
+            bool(header.get("found_body", False)),
         )
+
+
+def _without_body(references: References) -> tuple[References, tuple[str, ...]]:
+    """References whose camera has a mask, and a note of it, where the robot was found in their images."""
+    camera, note = with_found_mask(references.camera, references.image_size, references.files, references.poses)
+    return replace(references, camera=camera) if note else references, note
 
 
 def _built(

@@ -178,11 +178,16 @@ def _localized(
     The drive becomes a map of its own first, whose relative poses are those of one light; then it is laid onto the map by all images
     that this knows.
     """
+    drive = replace(drive, camera=panorama_map.as_found(drive.camera, drive.image_size))
+    # A camera that does not fit is told before the drive becomes a map.
     unwrap = panorama_map.unwrapper(drive.camera, drive.image_size)
     try:
         own = map_drives([drive], panorama_map.observation.votes, settings, progress, unfinished)
     except MapError as error:
         return str(error)
+    if own.source.camera != drive.camera:
+        drive = replace(drive, camera=own.source.camera)
+        unwrap = panorama_map.unwrapper(drive.camera, drive.image_size)
     model = panorama_map.observation_model()
     keyframes, files = own.keyframes, own.source.files
     count = len(files)

@@ -32,6 +32,11 @@ class MapSettings(StrictModel):
     sd_theta_deg: Positive | None = Field(
         None, le=180.0, description="Standard deviation of the given headings, degrees; null = estimated."
     )
+    find_body: bool = Field(
+        True,
+        description="Whether the robot is looked for in the images that the map is made of, where their camera has no mask, and left "
+        "out of them and of later images of that camera.",
+    )
     neighbours: Annotated[int, Field(ge=2, le=32)] = Field(6, description="Keyframes that each one is measured against.")
     rounds: Annotated[int, Field(ge=1, le=20)] = Field(
         4, description="Rounds of depths, relative poses and pose graph at most; they end when nothing moves."

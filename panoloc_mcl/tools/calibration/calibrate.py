@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.robot.camera import AnyCamera, Mask
+from panoloc_mcl.robot.camera.body import FEWEST_IMAGES, MOST_IMAGES, FoundBody, find_body, grey_levels, ring_of
 from panoloc_mcl.robot.errors import DatasetError, ImageError
 from panoloc_mcl.robot.images import read_image
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.settings.observation import VotesSettings
 from panoloc_mcl.tools.calibration.adjustment import LAST_STEPS, MORE_STEPS, Adjustment, Estimated, Scene, adjust
-from panoloc_mcl.tools.calibration.body import FEWEST_IMAGES, MOST_IMAGES, FoundBody, find_body
 from panoloc_mcl.tools.calibration.drives_scene import DrivesScene, Track, Yardstick
 from panoloc_mcl.tools.calibration.features import FINE_COLUMNS
 from panoloc_mcl.tools.calibration.odometry import (
@@ -38,7 +38,6 @@ Float32 = NDArray[np.float32]
 # A found value is taken over where it differs from the given one by so many standard deviations, and gains something.
 _SIGNIFICANT = 2.0
 _LEAST_HIDDEN = 1e-3
-_RIM_PX = 4.0
 # Drives looked at, and images of them in all, for the optics of their camera; drives for where it sits.
 _MOST_DRIVES, _MOST_OF_DRIVES, _MOST_PLACED = 6, 36, 3
 
@@ -185,27 +184,10 @@ def _find_mask(found: Findings, images: list[NDArray[Any]], size: tuple[int, int
     if len(images) < FEWEST_IMAGES:
         found.lines.append(f"mask: not observable, {len(images)} images are fewer than {FEWEST_IMAGES}")
         return
-    found.body = find_body([_grey(image) for image in images], _seen(found.before, size))
+    found.body = find_body([grey_levels(image) for image in images], ring_of(found.before, size))
     found.lines.append(found.body.verdict)
     if found.body.sure and found.body.hidden > _LEAST_HIDDEN:
         found.camera = found.camera.model_copy(update={"mask": Mask(found.body.world)})
-
-
-def _grey(image: NDArray[Any]) -> Float32:
-    grey = image if image.ndim == 2 else image[:, :, :3] @ np.array([0.114, 0.587, 0.299])
-    return np.asarray(grey * (255.0 / 65535.0 if image.dtype == np.uint16 else 1.0), dtype=np.float32)
-
-
-def _seen(camera: AnyCamera, size: tuple[int, int]) -> NDArray[np.bool_] | None:
-    """Pixels of raw images that lie in the ring which the camera uses."""
-    radii = getattr(camera, "valid_radius_px", None)
-    if radii is None:
-        return None
-    v, u = np.mgrid[: size[1], : size[0]]
-    center = camera.center_px  # type: ignore[union-attr]
-    radius = np.hypot(u - center[0], v - center[1])
-    # The rim itself is an edge that never moves.
-    return np.asarray((radius >= radii[0] + _RIM_PX) & (radius <= radii[1] - _RIM_PX))
 
 
 def _search(

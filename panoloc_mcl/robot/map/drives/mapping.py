@@ -25,6 +25,7 @@ from panoloc_mcl.robot.map.drives.loops import proposed, verified
 from panoloc_mcl.robot.map.drives.meetings import meeting
 from panoloc_mcl.robot.map.keyframes import BELIEVED, LOOP, ODOMETRY, Edges, Keyframes, is_still
 from panoloc_mcl.robot.map.mending import Mended, robot_edges
+from panoloc_mcl.robot.map.own_body import with_found_mask
 from panoloc_mcl.robot.map.pairs import measure_pairs, neighbour_pairs
 from panoloc_mcl.robot.map.pose_graph import Priors, solve
 from panoloc_mcl.robot.progress import Progress, no_progress
@@ -50,6 +51,8 @@ _LOOP_AFTER = 6
 _GATE_M, _GATE_PER_M = 0.8, 0.02
 _GATE_RAD, _GATE_RAD_PER_M, _WIDEST_RAD = np.radians(12.0), np.radians(0.5), np.radians(50.0)
 _LEAST_SHARE = 0.6
+# Farther than any drive leads.
+_FAR_M = 1e6
 _STILL_M, _STILL_RAD = 0.004, np.radians(0.05)
 
 
@@ -79,8 +82,20 @@ def map_drives(
         Drives that no map can be made of; images that cannot be read; parts that cannot be kept.
     """
     notes = list(check_drives(drives))
+    if settings.find_body:
+        drives = _without_body(drives, notes)
     chosen = [keyframes_of(drive, votes, settings.keyframe_distance_m, notes) for drive in drives]
     return _Mapping(chosen, votes, settings, progress, notes, unfinished).run()
+
+
+def _without_body(drives: Sequence[Drive], notes: list[str]) -> list[Drive]:
+    """The drives with the robot left out of their camera's sight, where it is found in their images."""
+    files = [file for drive in drives for file in drive.files]
+    # Poses of one drive say nothing of those of another.
+    poses = [drive.odometry + np.array([_FAR_M * number, 0.0, 0.0]) for number, drive in enumerate(drives)]
+    camera, note = with_found_mask(drives[0].camera, drives[0].image_size, files, np.concatenate(poses))
+    notes += note
+    return [replace(drive, camera=camera) for drive in drives]
 
 
 class _Mapping:

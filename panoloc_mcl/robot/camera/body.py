@@ -10,10 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from panoloc_mcl.robot.camera.directions import pixels_of
+from panoloc_mcl.robot.camera.extent import geometry_of
+from panoloc_mcl.robot.camera.spec import AnyCamera
 
 Float32 = NDArray[np.float32]
 Bool = NDArray[np.bool_]
@@ -30,6 +35,11 @@ _SIGMA_PX, _PLAIN_SIGMA_PX = 1.0, 3.0
 _DARK = 4.0  # grey levels added before the logarithm, about the noise of a camera
 _LEAST_PART = 1e-3  # of the pixels; smaller parts are chance
 _GAP_PX = 2
+_RIM_PX, _RIM_ROWS = 4.0, 3
+# Where a camera's sight ends higher, what is at its end need not be near.
+_HIGHEST_RIM_DEG = -15.0
+# Of a part of the robot that nobody looks at, at least so much hardly deviates: of textured bodies 0.7, of what is far 0.2.
+_TEXTURED = 0.4
 # A world of which less varies than this was hardly moved through.
 _LEAST_VARYING = 0.3
 
@@ -48,12 +58,15 @@ class FoundBody:
         Share of the robot's pixels, found in either half of the images, that are found in both: 1 when both say the same.
     varying : float
         Share of the pixels that clearly vary: a robot that stands still cannot tell itself from the world.
+    constant : bool (height, width)
+        Pixels whose gradients hardly deviate: the robot's, where it has a texture.
     """
 
     world: Bool
     images: int
     agreement: float
     varying: float
+    constant: Bool
 
     @property
     def hidden(self) -> float:
@@ -64,6 +77,26 @@ class FoundBody:
     def sure(self) -> bool:
         """Whether the mask is to be used without being looked at."""
         return self.varying >= _LEAST_VARYING and self.agreement >= 0.8
+
+    def without_doubt(self, rim: Bool) -> Bool:
+        """The world (height, width), with nothing left out but what can only be the robot; all of it where nobody is sure.
+
+        What is far away stays the same as well, while all look the same way, and so does a plain floor between the walls of a
+        corridor. A robot stands below its camera, and has a texture.
+
+        Parameters
+        ----------
+        rim : bool (height, width)
+            The lower end of what the camera sees.
+        """
+        if not self.sure:
+            return np.ones_like(self.world)
+        count, labels = cv2.connectedComponents((~self.world).astype(np.uint8), connectivity=8)
+        sizes, told = np.bincount(labels.ravel(), minlength=count), np.bincount(labels[self.constant], minlength=count)
+        kept = told >= _TEXTURED * sizes
+        kept &= np.bincount(labels[rim], minlength=count) > 0
+        kept[0] = False
+        return np.asarray(~kept[labels])
 
     @property
     def verdict(self) -> str:
@@ -107,7 +140,8 @@ def find_body(images: Sequence[Float32], seen: Bool | None = None) -> FoundBody:
     body = _confirmed(body, first & second)
     either = int(((first | second) & body).sum())
     agreement = float((first & second & body).sum() / either) if either else 1.0
-    return FoundBody(~body, len(images), agreement, float((ratio[used] < 0.5 * _LIKELY).mean()))
+    varying = float((ratio[used] < 0.5 * _LIKELY).mean())
+    return FoundBody(~body, len(images), agreement, varying, np.asarray((ratio > _CERTAIN) & used))
 
 
 def _confirmed(body: Bool, both: Bool) -> Bool:
@@ -196,3 +230,50 @@ def _tidied(body: Bool) -> Bool:
                 closed[labels == part] = 1 - value
     wide = cv2.dilate(closed, np.ones((3, 3), np.uint8))
     return np.asarray(wide[margin:-margin, margin:-margin] > 0)
+
+
+def grey_levels(image: NDArray[Any]) -> Float32:
+    """Grey levels 0..255, float32 (height, width), of an image as cameras deliver it."""
+    grey = image if image.ndim == 2 else image[:, :, :3] @ np.array([0.114, 0.587, 0.299])
+    return np.asarray(grey * (255.0 / 65535.0 if image.dtype == np.uint16 else 1.0), dtype=np.float32)
+
+
+def ring_of(camera: AnyCamera, size: tuple[int, int]) -> Bool | None:
+    """Pixels of raw images that lie in the ring which the camera uses, bool (height, width); None where it uses no ring."""
+    radii = getattr(camera, "valid_radius_px", None)
+    if radii is None:
+        return None
+    v, u = np.mgrid[: size[1], : size[0]]
+    center = camera.center_px  # type: ignore[union-attr]
+    radius = np.hypot(u - center[0], v - center[1])
+    # The rim itself is an edge that never moves.
+    return np.asarray((radius >= radii[0] + _RIM_PX) & (radius <= radii[1] - _RIM_PX))
+
+
+def lower_rim(camera: AnyCamera, size: tuple[int, int], seen: Bool | None) -> Bool:
+    """Pixels of raw images at the lower end of what the camera sees, bool (height, width); none where that is not below it.
+
+    Parameters
+    ----------
+    camera : AnyCamera
+    size : (int, int)
+        Width and height of its images.
+    seen : bool (height, width), optional
+        Pixels that are used.
+    """
+    rim = np.zeros((size[1], size[0]), dtype=np.uint8)
+    geometry = geometry_of(camera, size)
+    azimuth = geometry.azimuth_of_column(np.arange(geometry.width, dtype=np.float64))
+    elevation = geometry.elevation_of_row(np.arange(geometry.height, dtype=np.float64))[::-1]
+    below = elevation[elevation < np.radians(_HIGHEST_RIM_DEG)]
+    if not len(below):
+        return np.zeros(rim.shape, dtype=np.bool_)
+    pixels = pixels_of(camera, size, azimuth[None, :], below[:, None])
+    u, v, used = (np.array(part) for part in np.broadcast_arrays(*pixels))
+    columns, rows = (np.clip(np.nan_to_num(part).round().astype(int), 0, n - 1) for part, n in zip((u, v), size, strict=True))
+    used &= True if seen is None else seen[rows, columns]
+    lowest = used & (np.cumsum(used, axis=0) <= _RIM_ROWS)
+    rim[rows[lowest], columns[lowest]] = 1
+    # Images have more pixels than the panoramas that are made of them.
+    reach = 1 + 2 * int(np.ceil(max(size[0] / geometry.width, size[1] / geometry.height)))
+    return np.asarray(cv2.dilate(rim, np.ones((reach, reach), np.uint8)) > 0)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from panoloc_mcl.tools.calibration.body import find_body
+from panoloc_mcl.robot.camera import EquirectangularCamera, LinearProfile, OmniCamera, PanoramaCamera, PanoramaTarget
+from panoloc_mcl.robot.camera.body import find_body, lower_rim, ring_of
 
 ROWS, COLUMNS, IMAGES = 60, 180, 40
 
@@ -79,3 +80,73 @@ def test_a_plain_body_is_told_by_its_edges_and_a_plain_floor_is_kept() -> None:
     found = find_body(plain)
     assert (~found.world)[strut].mean() > 0.8
     assert (~found.world)[floor].mean() < 0.1
+
+
+def test_what_is_left_out_without_doubt_has_a_texture_and_stands_below_the_camera() -> None:
+    images, body = with_body(worlds(11))
+    rim, far = np.zeros((ROWS, COLUMNS), dtype=bool), np.zeros((ROWS, COLUMNS), dtype=bool)
+    rim[-3:] = True
+    far[5:20, 130:160] = True
+    for image in images:
+        image[far] = images[0][far]
+    found = find_body(images)
+    assert (~found.world)[far].mean() > 0.95
+    world = found.without_doubt(rim)
+    assert (~world)[body].mean() > 0.95
+    assert world[far].mean() > 0.95
+    # With another end of what the camera sees, it is the other way round.
+    rim[:] = False
+    rim[5] = True
+    assert found.without_doubt(rim)[40:, 100:145].mean() > 0.95
+
+
+def test_a_plain_floor_between_walls_that_stay_is_no_body_without_doubt() -> None:
+    """A robot along the middle of a corridor: the edges at its sides stay, the floor between them is plain."""
+    rng = np.random.default_rng(6)
+    images = []
+    for image in worlds(7):
+        image[30:] = 90.0 + rng.normal(0.0, 1.0, image[30:].shape)
+        for side in (20, 110):
+            image[36:40, side : side + 50] = 200.0 + rng.normal(0.0, 1.0, (4, 50))
+        images.append(image.astype(np.float32))
+    rim = np.zeros((ROWS, COLUMNS), dtype=bool)
+    rim[-3:] = True
+    found = find_body(images)
+    # Whoever looks at the picture sees what it is.
+    assert (~found.world)[36:40].mean() > 0.2
+    assert found.without_doubt(rim).all()
+
+
+def test_nobody_is_sure_means_that_nothing_is_left_out() -> None:
+    still = [worlds()[0] + np.random.default_rng(i).normal(0.0, 1.0, (ROWS, COLUMNS)).astype(np.float32) for i in range(20)]
+    assert find_body(still).without_doubt(np.ones((ROWS, COLUMNS), dtype=bool)).all()
+
+
+def test_the_lower_rim_is_where_the_sight_ends_below() -> None:
+    cylinder = lower_rim(PanoramaCamera(elevation_deg=(-50.0, 25.0)), (180, 60), None)
+    assert cylinder[-3:].all()
+    assert not cylinder[:-5].any()
+    sphere = lower_rim(EquirectangularCamera(elevation_deg=(-60.0, 30.0)), (360, 180), None)
+    # 60 degrees below the horizon of a full sphere, a row a degree.
+    assert sphere[147:149].all()
+    assert not sphere[152:].any()
+    assert not sphere[:142].any()
+    high = lower_rim(PanoramaCamera(elevation_deg=(-10.0, 60.0)), (180, 60), None)
+    assert not high.any()
+
+
+def test_the_lower_rim_of_a_mirror_is_the_inner_one() -> None:
+    camera = OmniCamera(
+        center_px=(100.0, 100.0),
+        valid_radius_px=(30.0, 95.0),
+        profile=LinearProfile(points=((-50.0, 35.0), (0.0, 75.0))),
+        panorama=PanoramaTarget(size=(180, 60), elevation_deg=(-50.0, 20.0)),
+    )
+    size = (201, 201)
+    rim = lower_rim(camera, size, ring_of(camera, size))
+    v, u = np.nonzero(rim)
+    radii = np.hypot(u - 100.0, v - 100.0)
+    assert radii.min() > 25.0
+    assert radii.max() < 48.0
+    # All around.
+    assert len(np.unique(np.degrees(np.arctan2(v - 100.0, u - 100.0)).round(-1))) >= 36
