@@ -10,6 +10,7 @@ somebody has made them.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -53,7 +54,7 @@ _OTHER_TURN_DEG = 20.0
 
 
 def at_resolution(panorama: Panorama, shape: Shape) -> Panorama:
-    """A panorama in so many rows and columns; of fewer, each is the mean of what it covers."""
+    """A panorama in so many rows and columns, column 0 along the heading as before; of fewer, each is the mean of what it covers."""
     if panorama.pixels.shape == shape:
         return panorama
     pixels = _resized(panorama.pixels, shape)
@@ -211,7 +212,19 @@ def _deflection(spectrum: Complex64) -> float:
 
 def _resized(image: NDArray[np.float32], shape: Shape) -> NDArray[np.float32]:
     smaller = shape[1] < image.shape[1]
-    return np.asarray(cv2.resize(image, shape[::-1], interpolation=cv2.INTER_AREA if smaller else cv2.INTER_LINEAR))
+    # Column 0 looks along the heading by its centre; an image that is resized begins where the other one does, at an edge.
+    turned = _turned(image, 0.5 * (image.shape[1] / shape[1] - 1.0))
+    return np.asarray(cv2.resize(turned, shape[::-1], interpolation=cv2.INTER_AREA if smaller else cv2.INTER_LINEAR))
+
+
+def _turned(image: NDArray[np.float32], columns: float) -> NDArray[np.float32]:
+    """All columns moved to the right by so many, around the circle; what falls between two is shared by them."""
+    whole = math.floor(columns)
+    share = np.float32(columns - whole)
+    turned = np.roll(image, whole, axis=1)
+    if share == 0.0:
+        return turned
+    return np.asarray((np.float32(1.0) - share) * turned + share * np.roll(image, whole + 1, axis=1))
 
 
 def _valid(panorama: Panorama) -> NDArray[np.bool_]:

@@ -24,14 +24,17 @@ def sharp() -> ReferencePanoramas:
 
 
 def enlarged(world: ReferencePanoramas, factor: int) -> ReferencePanoramas:
-    margin = 4
-    padded = [np.hstack([one[:, -margin:], one, one[:, :margin]]) for one in world.pixels]
-    large = [cv2.resize(one, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC) for one in padded]
-    pixels = np.stack([one[:, margin * factor : -margin * factor] for one in large])
+    """Every image so many times as large, by interpolation; column 0 looks along the heading as before."""
     geometry = world.geometry
     wide = PanoramaGeometry(
         factor * geometry.width, factor * geometry.height, geometry.elevation_bottom_deg, geometry.elevation_top_deg
     )
+    margin = 4
+    columns = margin + np.arange(wide.width) / factor
+    rows = geometry.row_of_elevation(wide.elevation_of_row(np.arange(wide.height)))
+    u, v = (part.astype(np.float32) for part in np.meshgrid(columns, rows))
+    padded = [np.hstack([one[:, -margin:], one, one[:, :margin]]) for one in world.pixels]
+    pixels = np.stack([cv2.remap(one, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE) for one in padded])
     return replace(world, pixels=pixels, geometry=wide)
 
 
@@ -86,13 +89,26 @@ def test_a_setting_has_the_last_word(sharp) -> None:
 def test_a_pixel_is_the_mean_of_those_it_covers_and_unseen_where_one_is() -> None:
     pixels = np.random.default_rng(1).uniform(0.0, 255.0, (12, 24)).astype(np.float32)
     valid = np.ones((12, 24), dtype=np.bool_)
-    valid[3, 5] = False
+    valid[3, 4] = False
     small = at_resolution(Panorama(pixels * valid, valid), (4, 8))
-    means = pixels.reshape(4, 3, 8, 3).mean(axis=(1, 3))
+    # Column 0 keeps its centre: it covers the last column and the first two.
+    means = np.roll(pixels, 1, axis=1).reshape(4, 3, 8, 3).mean(axis=(1, 3))
     assert small.valid is not None
     assert np.argwhere(~small.valid).tolist() == [[1, 1]]
     assert small.pixels[small.valid] == pytest.approx(means[small.valid], rel=1e-4)
     assert small.pixels[1, 1] == 0.0
+
+
+@pytest.mark.parametrize("columns", [720, 240, 180, 120, 100, 36])
+def test_every_column_looks_where_the_geometry_says(columns: int) -> None:
+    """Half a column aside, the map's directions are as wrong: two metres from a reference, by millimetres to centimetres."""
+    before, after = PanoramaGeometry(360, 24, -50.0, 25.0), PanoramaGeometry(columns, 12, -50.0, 25.0)
+    bearing = 0.7
+    picture = 100.0 + 50.0 * np.cos(before.azimuth_of_column(np.arange(360)) - bearing)
+    small = at_resolution(Panorama(np.tile(picture, (24, 1)).astype(np.float32)), after.shape)
+    azimuths = after.azimuth_of_column(np.arange(columns))
+    brightest = np.angle(np.exp(1j * azimuths) @ small.pixels.mean(axis=0))
+    assert np.degrees(brightest - bearing) == pytest.approx(0.0, abs=0.005)
 
 
 def test_a_model_takes_images_of_the_size_of_its_references(sharp) -> None:
