@@ -100,6 +100,24 @@ def test_both_modes_answer_alike(localizer: Localizer, drive: Drive) -> None:
         assert estimate.vote_field.informative
 
 
+@pytest.mark.slow
+def test_standing_still_it_becomes_no_surer_than_one_look(panorama_map: PanoramaMap, drive: Drive) -> None:
+    """What the map errs by at a place all images there have in common; only their noise averages out."""
+    rng, frame = np.random.default_rng(1), 5
+    localizer = Localizer(panorama_map, config())
+    spreads, errors = [], []
+    for number in range(60):
+        localizer.add_odometry(float(number), (0.3, -0.2, 0.1))
+        noisy = drive.images[frame] + rng.normal(0.0, 3.0, drive.images[frame].shape)
+        estimate = localizer.add_image(float(number), np.clip(noisy, 0, 255).astype(np.uint8))
+        assert estimate is not None
+        spreads.append(float(np.sqrt(np.linalg.eigvalsh(estimate.covariance[:2, :2])[-1])))
+        errors.append(float(np.hypot(*(estimate.pose[:2] - drive.truth[frame][:2]))))
+    assert estimate.status is Status.CONVERGED
+    assert spreads[-1] > 0.7 * spreads[2]
+    assert np.max(errors[2:]) < 3.0 * spreads[-1]
+
+
 @pytest.mark.parametrize("mode", MODES)
 def test_the_same_seed_gives_the_same_bits(mode: str, panorama_map: PanoramaMap, drive: Drive) -> None:
     def run(seed: int) -> list[Estimate | None]:

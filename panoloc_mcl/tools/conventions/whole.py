@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from panoloc_mcl.robot.settings.localizer import MotionSettings
 from panoloc_mcl.tools.conventions.drives import drive_findings, trajectory_fit
 from panoloc_mcl.tools.conventions.readings import MIRRORED, MIRRORED_Y, Fit
 from panoloc_mcl.tools.conventions.references import height_findings, reference_fit
@@ -19,7 +20,7 @@ _LEFT_HANDED = replace(
 _IMAGES_MIRRORED = replace(MIRRORED, remedy="write the other sense for camera.columns (or azimuth), or mirror them back")
 
 
-def convention_findings(dataset: Dataset, most_drives: int = 3) -> list[str]:
+def convention_findings(dataset: Dataset, most_drives: int = 3, motion: MotionSettings | None = None) -> list[str]:
     """One line for each convention that fits the images far better than what is written; empty for a good data set.
 
     Parameters
@@ -27,9 +28,11 @@ def convention_findings(dataset: Dataset, most_drives: int = 3) -> list[str]:
     dataset : Dataset
     most_drives : int
         So many of its drives are looked at.
+    motion : MotionSettings, optional
+        Of the run; the usual ones if left out.
     """
     drives = list(dataset.sequences.values())[:most_drives]
-    lines = [line for drive in dataset.sequences.values() for line in stamp_findings(drive)]
+    lines = [line for drive in dataset.sequences.values() for line in stamp_findings(drive, motion)]
     fit = reference_fit(dataset.references)
     images_mirrored = False
     if fit is None:
@@ -39,7 +42,7 @@ def convention_findings(dataset: Dataset, most_drives: int = 3) -> list[str]:
         lines.append(fit.line(str(dataset.references.path / "poses.csv")))
     if not lines or not images_mirrored:
         for drive in drives:
-            if not stamp_findings(drive):
+            if not stamp_findings(drive, motion):
                 lines += drive_findings(drive)
     return lines
 

@@ -132,7 +132,7 @@ def run(config: RunConfig, command: Sequence[str] = (), monitor: Monitor | None 
         if task.drive.odometry is None:
             monitor.notice(f"sequence {task.drive.name}: has no odometry, runs on images only")
     for drive in dataset.select(config.sequences)[:_DRIVES_HELD]:
-        for line in stamp_findings(drive) or drive_findings(drive, _PAIRS_HELD):
+        for line in stamp_findings(drive, config.localizer.motion) or drive_findings(drive, _PAIRS_HELD):
             monitor.notice(line)
     writer = ResultsWriter(config.out, config.name, datetime.now())
     info = run_info(config, dataset, command, panorama_map.keyframes)

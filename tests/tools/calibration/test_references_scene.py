@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from oracles.rooms import BareRoom
 
-from panoloc_mcl.robot.camera import Mount, PanoramaCamera, PanoramaGeometry
+from panoloc_mcl.robot.camera import LinearProfile, Mount, OmniCamera, PanoramaCamera, PanoramaGeometry, PanoramaTarget
 from panoloc_mcl.robot.references import References
 from panoloc_mcl.robot.settings.observation import VotesSettings
 from panoloc_mcl.tools.calibration.adjustment import adjust
@@ -48,6 +48,53 @@ def test_the_mount_and_the_elevations_are_found(tmp_path: Path) -> None:
     assert found.camera.elevation_deg == pytest.approx((-50.0, 25.0), abs=0.5)
     assert found.camera.height_m == pytest.approx(0.6, abs=0.02)
     assert found.after > found.before
+
+
+CENTRE, RADII = 119.5, ((-50.0, 30.0), (25.0, 115.0))
+
+
+def mirrored_room(folder: Path, centre_u: float) -> References:
+    """Nine references by a mirror whose radius grows evenly with the elevation; its centre is said to be that of the image."""
+    rng = np.random.default_rng(4)
+    world, fine = BareRoom(finest_m=0.25), PanoramaGeometry(480, 200, -50.0, 25.0)
+    v, u = np.mgrid[:240, :240].astype(np.float64)
+    radius, azimuth = np.hypot(u - centre_u, v - CENTRE), np.arctan2(CENTRE - v, u - centre_u) - np.pi / 2.0
+    elevation = np.radians(np.interp(radius, [one[1] for one in RADII], [one[0] for one in RADII]))
+    columns, rows = fine.column_of_azimuth(azimuth).astype(np.float32), fine.row_of_elevation(elevation).astype(np.float32)
+    poses = np.array([(x, y, rng.uniform(-np.pi, np.pi)) for x in (0.0, 0.7, 1.4) for y in (0.0, 0.6, 1.2)])
+    files = []
+    for index, pose in enumerate(poses):
+        pixels = np.pad(world.panorama(fine, pose, samples=2).pixels, ((0, 0), (0, 1)), mode="wrap")
+        files.append(folder / f"{index}.png")
+        cv2.imwrite(
+            str(files[-1]), cv2.remap(pixels, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.uint8)
+        )
+    described = OmniCamera(
+        center_px=(CENTRE, CENTRE),
+        valid_radius_px=(30.0, 115.0),
+        heading_angle_deg=90.0,
+        azimuth="counterclockwise",
+        profile=LinearProfile(points=RADII),
+        panorama=PanoramaTarget(size=(180, 72), elevation_deg=(-50.0, 25.0)),
+        height_m=0.6,
+    )
+    return References(folder, tuple(files), poses, described, (240, 240), "base")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("off", [1.0, 0.0])
+def test_a_centre_that_is_off_by_a_pixel_is_named_and_a_right_one_is_not(off: float, tmp_path: Path) -> None:
+    """A pixel costs centimetres, and nothing else tells it."""
+    references = mirrored_room(tmp_path, CENTRE + off)
+    camera = references.camera
+    found = adjust(camera, parameters_by_references(camera, placed=True), ReferencesScene(references, VotesSettings(), camera))
+    by_name = {one.parameter.name: one for one in found.estimates}
+    for name, true in (("centre u", CENTRE + off), ("centre v", CENTRE)):
+        assert by_name[name].observable
+        assert by_name[name].value == pytest.approx(true, abs=0.3)
+    told = {one.parameter.name for one in found.told(2.0)}
+    assert ("centre u" in told) == bool(off)
+    assert "centre v" not in told
 
 
 def test_without_a_height_nothing_can_be_told(tmp_path: Path) -> None:

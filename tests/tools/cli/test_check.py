@@ -57,6 +57,23 @@ def test_what_configuration_and_data_set_ask_of_each_other(panoloc, small_room, 
     assert "noon_00 has no ground truth" in done.err
 
 
+@pytest.mark.parametrize(("gap", "named"), [(1.0, False), (15.0, False), (60.0, False), ("uneven", False), (200.0, True)])
+def test_images_far_apart_without_odometry_count_or_are_named(gap, named, panoloc, small_room, drive):
+    """Far apart but evenly, they count (`tests/robot/test_clocks.py`); where they would not, the check says so before a run does."""
+    (drive / "odometry.tum").unlink()
+    (drive / "groundtruth.tum").unlink()
+    files = sorted(path.name for path in (drive / "images").iterdir())
+    gaps = [15.0 if number % 2 else 100.0 for number in range(len(files))] if gap == "uneven" else [gap] * len(files)
+    rows = [f"{sum(gaps[:number])},images/{file}" for number, file in enumerate(files)]
+    (drive / "frames.csv").write_text("\n".join(["timestamp,file", *rows]) + "\n")
+    done = panoloc("check", CONFIGS / "global.yaml", "--set", f"dataset={small_room}")
+    assert done.code == (2 if named else 0), done.err
+    assert ("would be left out" in done.err) == named
+    if named:
+        words = ("--set", f"dataset={small_room}", "--set", "localizer.motion.clock_jump_s=300")
+        assert panoloc("check", CONFIGS / "global.yaml", *words).code == 0
+
+
 def test_nothing_is_kept_of_it(panoloc, tmp_path, monkeypatch):
     monkeypatch.setenv("PANOLOC_CACHE_DIR", str(tmp_path / "cache"))
     assert panoloc("check", CONFIGS / "global.yaml").code == 0

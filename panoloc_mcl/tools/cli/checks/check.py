@@ -64,7 +64,7 @@ def find_faults(path: str, overrides: list[str | Override]) -> list[str]:
     if config is not None and not of_dataset:
         faults += _faults_together(config)
     if not faults and not of_dataset:
-        of_dataset = _wrong_conventions(dataset)
+        of_dataset = _wrong_conventions(dataset, config)
     return faults + of_dataset
 
 
@@ -109,12 +109,13 @@ def _dataset_faults(name: str) -> list[str]:
         return list(error.faults)
 
 
-def _wrong_conventions(name: str) -> list[str]:
+def _wrong_conventions(name: str, config: RunConfig | None) -> list[str]:
     """Angles, axes, columns and clocks that run another way than what is written, as the images have it."""
     from panoloc_mcl.tools.conventions import convention_findings
     from panoloc_mcl.tools.datasets import read_dataset, resolve_dataset
 
-    return convention_findings(read_dataset(resolve_dataset(name)))
+    motion = None if config is None else config.localizer.motion
+    return convention_findings(read_dataset(resolve_dataset(name)), motion=motion)
 
 
 def _faults_together(config: RunConfig) -> list[str]:
