@@ -16,18 +16,25 @@ def test_every_error_adds_to_the_measurements_that_share_it():
     edges = Edges.of(pairs, between(poses[pairs[:, 0]], poses[pairs[:, 1]]), np.broadcast_to(np.eye(3), (20, 3, 3)))
     edges.kinds[::4] = ODOMETRY
     common = common_errors(edges, poses, owner)
-    turns, of_drives, lengths, length, seen = (rng.normal(size=size) for size in (5, 2, 5, 1, 5))
-    found = (common.effects @ np.concatenate([turns, of_drives, lengths, length, seen])).reshape(-1, 3)
-    assert len(common.sds) == common.effects.shape[1] == 18
+    sizes = [rng.normal(size=size) for size in (5, 2, 5, 1, 5, 2, 2)]
+    turns, of_drives, lengths, length, seen, creeping, wheels = sizes
+    found = (common.effects @ np.concatenate(sizes)).reshape(-1, 3)
+    assert len(common.sds) == common.effects.shape[1] == 22
     assert (common.sds > 0.0).all()
     for row, (i, j) in enumerate(pairs):
-        if edges.kinds[row] != IMAGES:
-            assert not found[row].any()
-            continue
         ahead, left, _ = edges.measured[row]
+        if edges.kinds[row] != IMAGES:
+            stretch, turn = wheels[owner[i]], creeping[owner[i]] * np.hypot(ahead, left)
+            np.testing.assert_allclose(found[row], [stretch * ahead, stretch * left, turn], atol=1e-12)
+            continue
         stretch = lengths[i] + length[0]
-        turn = (turns[i] + of_drives[owner[i]]) * ahead + seen[j] - seen[i]
-        np.testing.assert_allclose(found[row], [stretch * ahead, stretch * left, turn], atol=1e-12)
+        bend = turns[i] + of_drives[owner[i]]
+        expected = [
+            stretch * ahead - bend * ahead * left,
+            stretch * left + 0.5 * bend * ahead**2,
+            bend * ahead + seen[j] - seen[i],
+        ]
+        np.testing.assert_allclose(found[row], expected, atol=1e-12)
 
 
 def test_a_map_does_not_shrink_to_fit_noise():
@@ -50,7 +57,38 @@ def test_a_map_does_not_shrink_to_fit_noise():
     assert abs(np.mean(scales) - 1.0) < 0.003
 
 
-def test_drives_whose_images_say_nothing_have_no_errors_in_common():
-    steps = Edges.of(np.array([[0, 1]]), np.array([[0.5, 0.0, 0.0]]), np.eye(3)[None], ODOMETRY)
-    common = common_errors(steps, np.zeros((2, 3)), np.zeros(2, dtype=np.int64))
-    assert common.effects.nnz == 0
+def test_odometry_that_creeps_does_not_bend_a_drive_without_loops():
+    """Images leave a small turn with every metre open; odometry, which turns by a degree a metre, must not fill it in."""
+    count, step, turn = 50, 0.4, np.radians(1.0)
+    truth = np.column_stack([step * np.arange(count), np.zeros(count), np.zeros(count)])
+    rng = np.random.default_rng(0)
+    pairs = np.array([(i, j) for i in range(count) for j in range(count) if 0 < abs(i - j) <= 2])
+    of_images, of_wheels = np.array([0.003, 0.003, 0.0005]), np.array([0.02, 0.02, np.radians(0.4)])
+    seen = between(truth[pairs[:, 0]], truth[pairs[:, 1]]) + rng.standard_normal((len(pairs), 3)) * of_images
+    steps = np.column_stack([np.arange(count - 1), np.arange(1, count)])
+    driven = between(truth[:-1], truth[1:]) + [0.0, 0.0, turn * step] + rng.standard_normal((count - 1, 3)) * of_wheels
+    edges = Edges.of(steps, driven, np.broadcast_to(np.diag(of_wheels**2), (count - 1, 3, 3)), ODOMETRY)
+    edges = edges.joined(Edges.of(pairs, seen, np.broadcast_to(np.diag(of_images**2), (len(pairs), 3, 3))))
+    sds = np.full((count, 2), np.inf)
+    sds[0] = 1e-4
+    found = solve(
+        truth, edges, Priors(truth, sds, robust=False), common=common_errors(edges, truth, np.zeros(count, dtype=np.int64))
+    )
+    off = np.abs(found.poses[-1] - truth[-1])
+    assert off[2] < np.radians(0.3)
+    assert off[1] < 0.05
+
+
+def test_a_world_that_is_bent_is_an_error_that_poses_cannot_tell():
+    """Relative poses along an arc are those of a straight way in a bent world, to first order."""
+    bend, step = 1e-4, 0.4
+    arc = np.column_stack([step * np.arange(12), 0.5 * bend * (step * np.arange(12)) ** 2, bend * step * np.arange(12)])
+    straight = np.column_stack([step * np.arange(12), np.zeros(12), np.zeros(12)])
+    pairs = np.array([(i, j) for i in range(12) for j in range(12) if i != j])
+    seen = between(arc[pairs[:, 0]], arc[pairs[:, 1]])
+    edges = Edges.of(pairs, seen, np.broadcast_to(np.eye(3), (len(pairs), 3, 3)))
+    common = common_errors(edges, straight, np.zeros(12, dtype=np.int64))
+    sizes = np.zeros(common.effects.shape[1])
+    sizes[12] = bend
+    off = seen - between(straight[pairs[:, 0]], straight[pairs[:, 1]])
+    np.testing.assert_allclose((common.effects @ sizes).reshape(-1, 3), off, atol=1e-6)
