@@ -41,20 +41,23 @@ _PI, _HALF_PI, _TINY = np.float32(np.pi), np.float32(0.5 * np.pi), np.float32(1e
 
 
 @inlined
-def sine_cosine(turn: np.uint64) -> tuple[np.float32, np.float32]:
-    """Sine and cosine, float32, of a whole number below 2^32 of 2^-32 of a turn."""
-    shifted = (turn + np.uint64(0x20000000)) & np.uint64(0xFFFFFFFF)
-    quarter = shifted >> np.uint64(30)
+def sine_cosine(turn: np.uint32) -> tuple[np.float32, np.float32]:
+    """Sine and cosine, float32, of a whole number of 2^-32 of a turn."""
+    # Back to 32 bits after every step: the compiler then works on twice as many at once as in 64.
+    shifted = np.uint32((np.uint64(turn) + np.uint64(0x20000000)) & np.uint64(0xFFFFFFFF))
+    quarter = np.uint32(shifted >> np.uint32(30))
     # From the middle of the quarter: at most an eighth of a turn to either side.
-    part = np.int32(np.int32(shifted & np.uint64(0x3FFFFFFF)) - np.int32(0x20000000))
+    part = np.int32(np.int32(shifted & np.uint32(0x3FFFFFFF)) - np.int32(0x20000000))
     r = np.float32(part) * _RADIANS
     z = r * r
     s = r + r * z * (_SINE[0] + z * (_SINE[1] + z * _SINE[2]))
     c = _ONE - _HALF * z + z * z * (_COSINE[0] + z * (_COSINE[1] + z * _COSINE[2]))
-    odd = (quarter & np.uint64(1)) != np.uint64(0)
+    odd = np.uint32(quarter & np.uint32(1)) != np.uint32(0)
     sine, cosine = (c, s) if odd else (s, c)
-    sine = -sine if (quarter & np.uint64(2)) != np.uint64(0) else sine
-    cosine = -cosine if ((quarter + np.uint64(1)) & np.uint64(2)) != np.uint64(0) else cosine
+    sine_sign = np.uint32((quarter & np.uint32(2)) << np.uint32(30))
+    cosine_sign = np.uint32(((quarter + np.uint32(1)) & np.uint32(2)) << np.uint32(30))
+    sine = np.uint32(np.float32(sine).view(np.uint32) ^ sine_sign).view(np.float32)
+    cosine = np.uint32(np.float32(cosine).view(np.uint32) ^ cosine_sign).view(np.float32)
     return sine, cosine
 
 

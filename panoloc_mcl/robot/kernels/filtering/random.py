@@ -43,10 +43,10 @@ def philox(c0: Word, c1: Word, c2: Word, c3: Word, k0: Word, k1: Word) -> tuple[
 
 
 @inlined
-def normal_pair(one: Word, other: Word) -> tuple[np.float32, np.float32]:
+def normal_pair(one: np.uint32, other: np.uint32) -> tuple[np.float32, np.float32]:
     """Two standard normal float32 numbers of two random 32-bit words (Box & Muller 1958); none is beyond 6.7."""
     # Half a step up, so that no logarithm is of zero; of 31 bits, because few processors convert the 32nd.
-    radius = np.sqrt(_MINUS_TWO * logarithm((np.float32(np.int32(one >> np.uint64(1))) + _HALF) * _OF_31_BITS))
+    radius = np.sqrt(_MINUS_TWO * logarithm((np.float32(np.int32(one >> np.uint32(1))) + _HALF) * _OF_31_BITS))
     s, c = sine_cosine(other)
     return radius * c, radius * s
 
@@ -67,7 +67,7 @@ def words_of(key: int, step: int, stream: int, first: int, count: int, out: UInt
 def normal_pairs(one: UInt32, other: UInt32, first: Float32, second: Float32, count: int) -> None:
     """Standard normal numbers of ``count`` pairs of words (m,), into two float32 (m,)."""
     for i in range(count):
-        first[i], second[i] = normal_pair(np.uint64(one[i]), np.uint64(other[i]))
+        first[i], second[i] = normal_pair(one[i], other[i])
 
 
 @vector_kernel

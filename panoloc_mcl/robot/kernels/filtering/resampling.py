@@ -18,6 +18,9 @@ Real = NDArray[Any]
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
+# Weights that are summed up together.
+_BLOCK = 512
+
 
 @kernel
 def systematic(weights: Real, offset: float, count: int) -> Int64:
@@ -37,33 +40,54 @@ def systematic(weights: Real, offset: float, count: int) -> Int64:
     int64 (count,)
     """
     last = weights.shape[0] - 1
-    # Sums that do not wait for each other.
-    t0, t1, t2, t3 = 0.0, 0.0, 0.0, 0.0
-    for i in range(0, weights.shape[0] - 3, 4):
-        t0 += np.float64(weights[i])
-        t1 += np.float64(weights[i + 1])
-        t2 += np.float64(weights[i + 2])
-        t3 += np.float64(weights[i + 3])
-    total = (t0 + t1) + (t2 + t3)
-    for i in range(weights.shape[0] // 4 * 4, weights.shape[0]):
-        total += np.float64(weights[i])
     while last > 0 and weights[last] == 0.0:
         last -= 1
-    per_weight = count / total
-    # Each particle notes itself where its copies begin. One without copies is overwritten by the next, so no branch is needed,
-    # which the processor would guess wrong for every other particle.
+    sums, total = np.empty(_BLOCK), 0.0
+    for start in range(0, last + 1, _BLOCK):
+        total = running_sums(weights[start : start + _BLOCK], total, sums)
+    per_weight, most = count / total, np.float64(count)
+    # How many particles begin at each target. Counted and summed up, so that no branch is needed, which the processor would guess
+    # wrong for every other particle.
     indices = np.zeros(count + 1, dtype=np.int64)
-    cumulative, begin = 0.0, 0
-    for i in range(last + 1):
-        indices[np.uint64(begin)] = i
-        cumulative += np.float64(weights[i])
-        # How many targets (k + offset) / count lie below the share so far.
-        begin = min(int(np.ceil(cumulative * per_weight - offset)), count)
-    newest = 0
+    begins = np.zeros(_BLOCK, dtype=np.int32)
+    # The first begins at the first target; the last one ends at the last, whatever rounding did.
+    indices[0], sofar = 1, 0.0
+    for start in range(0, last, _BLOCK):
+        sofar = running_sums(weights[start : start + _BLOCK], sofar, sums)
+        for i in range(_BLOCK):
+            # How many targets (k + offset) / count lie below the share so far: there the next particle begins.
+            begins[i] = np.int32(min(np.ceil(sums[i] * per_weight - offset), most))
+        for i in range(min(_BLOCK, last - start)):
+            indices[np.uint64(begins[i])] += 1
+    newest = -1
     for k in range(count):
-        newest = max(newest, indices[k])
+        newest += indices[k]
         indices[k] = newest
     return indices[:count]
+
+
+@kernel
+def running_sums(weights: Real, before: float, out: Float64) -> float:
+    """Cumulative sums of at most a block of weights, and of what came ``before``, into float64 (512,); returns the last.
+
+    Of four parts at once, whose sums need not wait for each other; after the last weight sums stay as they are.
+    """
+    count, part = weights.shape[0], out.shape[0] // 4
+    for i in range(count):
+        out[i] = np.float64(weights[i])
+    out[count:] = 0.0
+    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    for i in range(part):
+        a += out[i]
+        b += out[part + i]
+        c += out[2 * part + i]
+        d += out[3 * part + i]
+        out[i], out[part + i], out[2 * part + i], out[3 * part + i] = a, b, c, d
+    for quarter in range(4):
+        for i in range(part):
+            out[quarter * part + i] += before
+        before = out[quarter * part + part - 1]
+    return before
 
 
 @kernel
