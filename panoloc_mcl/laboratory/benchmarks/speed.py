@@ -18,11 +18,15 @@ from numpy.typing import NDArray
 from panoloc_mcl.laboratory.reports import Number, Ratio, Report
 from panoloc_mcl.laboratory.timing import in_a_process, interleaved, matrix_product, template_matching
 from panoloc_mcl.robot.camera import Unwrapper
+from panoloc_mcl.robot.eigenspace.gradients import orientations
 from panoloc_mcl.robot.filters import Estimate
 from panoloc_mcl.robot.interface.messages import Image, Odometry
 from panoloc_mcl.robot.localizer import Localizer
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.observation import ObservationModel
+from panoloc_mcl.robot.observation.scale import references_at
+from panoloc_mcl.robot.settings.observation import VotesSettings
+from panoloc_mcl.robot.synthesis import PoseRefiner, ViewSynthesizer
 from panoloc_mcl.tools.config import RunConfig, config_from_mapping
 from panoloc_mcl.tools.datasets import Sequence as Drive
 from panoloc_mcl.tools.datasets import read_dataset, read_image, resolve_dataset
@@ -62,6 +66,7 @@ def speed(dataset: str, repeats: int, variants: Sequence[str] = tuple(VARIANTS))
         how = "tracking" if tracking else "searching all over the map"
         config = config_from_mapping({"localizer": {"tracking": tracking}})
         tasks[f"pixels to pose, along a drive, {how}"] = along_a_drive(panorama_map, config, drive)
+    tasks |= at_the_least(panorama_map, drive, images[0])
     panorama = panorama_map.unwrapper(drive.camera, drive.image_size)(images[0])
     tasks[PEER] = template_matching(panorama.pixels, panorama_map.references.pixels)
     tasks[PRODUCT], _ = matrix_product()
@@ -119,6 +124,33 @@ def along_a_drive(panorama_map: PanoramaMap, config: RunConfig, drive: Drive) ->
     for _ in range(FIRST):
         step()
     return step
+
+
+def at_the_least(panorama_map: PanoramaMap, drive: Drive, image: NDArray[Any]) -> dict[str, Callable[[], object]]:
+    """What cannot be left out where an image is compared with a view of its own size, by itself: its features; one view, one step."""
+    config = config_from_mapping({})
+    model, settings = panorama_map.observation_model(config.observation), config.observation.votes
+    arrays, height = model.arrays(), panorama_map.references.camera_height_m
+    if height is None or "profiles" not in arrays:
+        return {}
+    references = references_at(panorama_map.references.of(arrays["used"]), tuple(arrays["shape"]))
+    synthesizer = ViewSynthesizer(references, arrays["profiles"].astype(np.float64), height)
+    once = {"refinement": {**settings.refinement.model_dump(), "sources": 1, "iterations": 1}}
+    refiner = PoseRefiner(synthesizer, VotesSettings.model_validate({**settings.model_dump(), **once}))
+    unwrap = panorama_map.unwrapper(drive.camera, drive.image_size)
+
+    def features() -> tuple[NDArray[np.complex64], NDArray[np.bool_]]:
+        return orientations(unwrap(image), settings)
+
+    z, usable = features()
+    guess = model.observe(unwrap(image)).guess
+    assert guess is not None
+    # From where it has come to rest: another step would be the last, too.
+    at_rest = refiner.polish(z, usable, guess.pose).pose
+    return {
+        "pixels to features, nothing else": features,
+        "one Gauss-Newton step against one view, nothing else": lambda: refiner.polish(z, usable, at_rest),
+    }
 
 
 def start(dataset: str, repeats: int) -> Report:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from panoloc_mcl.robot.compact_poses import CompactPoses
 from panoloc_mcl.robot.geometry import angle_difference, wrap_angle
 from panoloc_mcl.robot.kernels.filtering.particles import likelihoods_there, read_field
-from panoloc_mcl.robot.kernels.filtering.weights import likelihoods
+from panoloc_mcl.robot.kernels.filtering.weights import likelihoods, sums_of_likelihoods
 from panoloc_mcl.robot.measurement import PoseMeasurement
 from panoloc_mcl.robot.observation.large_maps.asked import MOST_DENSE, SPREAD, Asked, evenly
 from panoloc_mcl.robot.observation.peaks import Guess, Peak
@@ -25,9 +25,7 @@ Float32 = NDArray[np.float32]
 # A rival is somewhere else: at least this far from the best cell, in place spacings or in degrees.
 _RIVAL_SPACINGS = 1.6
 _RIVAL_DEG = 20.0
-# Cells so many standard deviations below the best add nothing to the mean likelihood of a field.
-_DEEPEST = 5.0
-# Votes change little from one degree to the next: so many headings are enough for that mean.
+# Votes change little from one degree to the next: so many headings are enough for the mean likelihood of a field.
 _HEADINGS = 90
 _EVERY_PLACE = np.zeros(0, dtype=np.int32)
 
@@ -140,14 +138,10 @@ class VoteField:
 
     def mean_likelihood(self, sharpness: float) -> float:
         """Of all headings and places of the map."""
-        deepest = np.float32(self.peak.votes - _DEEPEST * self.tolerance / np.sqrt(sharpness))
-        some = self.votes[:: max(1, len(self.headings) // _HEADINGS)]
-        likely = np.flatnonzero(some.ravel() >= deepest)
-        found = self.likelihood(some.ravel()[likely], sharpness)
-        if self.asked is None:
-            return float(found.sum(dtype=np.float64)) / some.size
-        shares = self.asked.stands_for[likely % some.shape[1]]
-        return float(np.vdot(found, shares)) / (len(some) * len(self.places))
+        every = max(1, len(self.headings) // _HEADINGS)
+        sums = sums_of_likelihoods(self.votes, every, self.peak.votes, self.tolerance, sharpness)
+        found = float(sums.sum() if self.asked is None else sums @ self.asked.stands_for)
+        return found / (-(-len(self.votes) // every) * len(self.places))
 
     @cached_property
     def peak(self) -> Peak:

@@ -198,7 +198,10 @@ class Drawn:
     def of(cls, plan: Plan, particles: ParticleSet, rng: np.random.Generator) -> Self:
         """Who makes room, while weights still are those before the image."""
         count, drawn = len(particles), plan.from_pose + plan.from_votes
-        where = (np.arange(drawn) * count // max(drawn, 1) + int(rng.integers(count))) % count
+        first = int(rng.integers(count))
+        if not drawn:
+            return cls(np.zeros(0, dtype=np.int64), 1.0)
+        where = (np.arange(drawn) * count // drawn + first) % count
         return cls(where, max(1.0 - float(particles.weights[where].sum()), _TINY))
 
     def put(

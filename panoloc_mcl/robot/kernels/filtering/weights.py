@@ -53,6 +53,18 @@ def to_likelihoods(votes: Float32, best: float, tolerance: float, sharpness: flo
 
 
 @vector_kernel
+def sums_of_likelihoods(votes: Float32, every: int, best: float, tolerance: float, sharpness: float) -> Float64:
+    """Sums over every so many-th row of the likelihoods of votes (h, c), without a floor (see `likelihoods`); float64 (c,)."""
+    sums, row = np.zeros(votes.shape[1]), np.empty(votes.shape[1], dtype=np.float32)
+    for number in range(0, votes.shape[0], every):
+        row[:] = votes[number]
+        to_likelihoods(row, best, tolerance, sharpness, 0.0)
+        for i in range(row.shape[0]):
+            sums[i] += np.float64(row[i])
+    return sums
+
+
+@vector_kernel
 def weigh(weights: Float32, fit: Float32, slope: float, level: float) -> None:
     """Multiply weights (n,) by ``slope * fit + level``, in place."""
     steep, flat = np.float32(slope), np.float32(level)
