@@ -44,7 +44,7 @@ class Agreement:
         edges = np.linspace(0, columns, min(_SECTORS, columns), endpoint=False).astype(np.int64)
         sectors = _cosines(*(np.add.reduceat(part, edges, axis=1) for part in bands)).ravel()
         by_band = _cosines(*(part.sum(axis=1) for part in bands))
-        cosine = float(common.sum() / np.sqrt(max(first.sum() * second.sum(), 1e-24)))
+        cosine = cosine_of(common, first, second)
         return cls(cosine, sectors, float(np.nanmin(by_band)) if np.isfinite(by_band).any() else cosine)
 
     @property
@@ -55,6 +55,11 @@ class Agreement:
             return 0.0
         spread = float(seen.std(ddof=1))
         return float(seen.mean() * np.sqrt(len(seen))) / max(spread, 1e-3)
+
+
+def cosine_of(common: NDArray[np.float64], first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
+    """Of all pixels together, from inner products and squared norms of any parts."""
+    return float(common.sum() / np.sqrt(max(first.sum() * second.sum(), 1e-24)))
 
 
 def _cosines(common: NDArray[np.float64], first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -125,6 +125,31 @@ def column_products(
     return sums.astype(np.float64)
 
 
+@vector_kernel
+def inner_products(view: Complex64, view_usable: Bool, query: Complex64, query_usable: Bool, every: int) -> Float64:
+    """Inner product of query and view and both squared norms, over the pixels that `column_products` is of (parameters as there).
+
+    Returns
+    -------
+    float64 (3,)
+    """
+    rows, columns = view.shape
+    sums = np.zeros((3, columns), dtype=np.float32)
+    common, of_query, of_view = sums[0], sums[1], sums[2]
+    for r in range(1, rows - 1, every):
+        v, q, vu, qu = view[r], query[r], view_usable[r], query_usable[r]
+        for c in range(columns):
+            both = np.float32(vu[c] & qu[c])
+            common[c] += both * (q[c].real * v[c].real + q[c].imag * v[c].imag)
+            of_query[c] += both * (q[c].real * q[c].real + q[c].imag * q[c].imag)
+            of_view[c] += both * (v[c].real * v[c].real + v[c].imag * v[c].imag)
+    out = np.zeros(3)
+    for i in range(3):
+        for c in range(columns):
+            out[i] += np.float64(sums[i, c])
+    return out
+
+
 @kernel
 def normal_equations(products: Float64, chosen: Bool, row_step: float) -> tuple[Float64, Float64, float, float]:
     """Gauss-Newton equations of the pose and the tilt that bring a view into agreement with an image.

@@ -175,6 +175,7 @@ EXAMPLES: dict[str, Callable[[], tuple[Any, ...]]] = {
     "voting.vote": _vote,
     "warping.column_agreement": _column_agreement,
     "alignment.column_products": _column_products,
+    "alignment.inner_products": lambda: (*_column_agreement(), 1),
     "warping.turned_table": _turned_table,
     "warping.features_of_planes": lambda: (np.ones((3, 8, 4), dtype=np.float32),),
     "warping.move_profile": _move_profile,

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.robot.measurement import Agreement
+from panoloc_mcl.robot.measurement import Agreement, cosine_of
 
 Float64 = NDArray[np.float64]
 
@@ -68,7 +68,8 @@ class Equations(NamedTuple):
         Sum of squared differences of the features.
     pixels : float
         Number of pixels compared.
-    agreement : Agreement
+    columns : float64 (3, b, c)
+        Inner products of the image and the views, and both squared norms, of every band of rows and column.
     pulls : float64 (s, 5)
         Parts of ``right``, by sectors of the circle.
     views : Views, optional
@@ -79,9 +80,19 @@ class Equations(NamedTuple):
     right: Float64
     residual: float
     pixels: float
-    agreement: Agreement
+    columns: Float64
     pulls: Float64
     views: Views | None = None
+
+    @property
+    def cosine(self) -> float:
+        """How far the image and the views show the same."""
+        return cosine_of(*self.columns)
+
+    @property
+    def agreement(self) -> Agreement:
+        """The same, and what each part of the image says of it."""
+        return Agreement.of_columns(*self.columns)
 
     @property
     def variance(self) -> float:
@@ -130,7 +141,7 @@ class Equations(NamedTuple):
         """Covariance of the pose if pixels erred independently of each other, float64 (3, 3)."""
         inverse = np.linalg.inv(self.normal[:unknowns, :unknowns] + 1e-9 * np.eye(unknowns))[:3, :3]
         # Noise has gradients, too, which tell nothing of the pose: what is not agreed upon must not count as information.
-        trusted = float(np.clip(self.agreement.cosine, _LEAST_AGREEMENT, 1.0))
+        trusted = float(np.clip(self.cosine, _LEAST_AGREEMENT, 1.0))
         return np.asarray(_CORRELATED * max(self.variance, _LEAST_VARIANCE) / trusted**2 * inverse)
 
     @property

@@ -20,9 +20,9 @@ from scipy.spatial import cKDTree
 
 from panoloc_mcl.robot.eigenspace.gradients import orientations
 from panoloc_mcl.robot.geometry import wrap_angle
-from panoloc_mcl.robot.kernels.alignment import column_products, normal_equations, sector_pulls
+from panoloc_mcl.robot.kernels.alignment import column_products, inner_products, normal_equations, sector_pulls
 from panoloc_mcl.robot.kernels.warping import turned_table
-from panoloc_mcl.robot.measurement import Agreement, PoseMeasurement
+from panoloc_mcl.robot.measurement import PoseMeasurement, cosine_of
 from panoloc_mcl.robot.settings.observation import RefinementSettings, VotesSettings
 from panoloc_mcl.robot.synthesis.agreeing_columns import agreeing
 from panoloc_mcl.robot.synthesis.equations import Equations, Views
@@ -175,9 +175,9 @@ class PoseRefiner:
         approached: list[tuple[Float64, Float64, Equations]] = []
         for pose in poses:
             approached.append(self._descended(planes, coarse, np.array(pose, dtype=np.float64), np.zeros(2))[:3])
-            if approached[-1][2].agreement.cosine >= sufficient:
+            if approached[-1][2].cosine >= sufficient:
                 break
-        agreements = [equations.agreement.cosine for *_, equations in approached]
+        agreements = [equations.cosine for *_, equations in approached]
         measured: list[PoseMeasurement] = []
         for index in np.argsort(agreements)[::-1][:_REFINED_TO_THE_END]:
             measured.append(self._refined_to_the_end(planes, fine, *approached[index][:2]))
@@ -229,11 +229,11 @@ class PoseRefiner:
         agreement of all pixels tells the two apart.
         """
         query, usable = self._turned_back(planes[step.sigma], pose[2], tilt, step.stride)
-        best = self._equations(query, usable, pose[:2], step).agreement.cosine
+        best = self._cosine(query, usable, pose[:2], step)
         for move in moves:
             for _ in range(_MOST_MOVES):
                 around = pose + move * _COMPASS
-                agreements = [self._equations(query, usable, position, step).agreement.cosine for position in around[:, :2]]
+                agreements = [self._cosine(query, usable, position, step) for position in around[:, :2]]
                 ahead = int(np.argmax(agreements))
                 if agreements[ahead] <= best:
                     break
@@ -265,8 +265,7 @@ class PoseRefiner:
         columns, pulls = np.zeros((3, len(bands), query.shape[1])), np.zeros((_SECTORS, 5))
         parts = []
         for weight, source in zip(weights, indices, strict=True):
-            profile = self._synthesizer.profile_at(int(source), position)
-            view, view_usable = self._view(int(source), position, profile, step)
+            profile, view, view_usable = self._view(int(source), position, step)
             walls, every = np.ascontiguousarray(profile[:: step.stride]), _FINE_ROWS_EVERY if step.fine else 1
             by_band = [
                 column_products(
@@ -285,7 +284,15 @@ class PoseRefiner:
             pixels += weight * part[3]
             columns += np.stack([part[-3:] for part in by_band], axis=1)
         views = Views(weights, np.array([part[0] for part in parts]), np.array([part[1] for part in parts]))
-        return Equations(normal, right, residual, pixels, Agreement.of_columns(*columns), pulls, views)
+        return Equations(normal, right, residual, pixels, columns, pulls, views)
+
+    def _cosine(self, query: Complex64, query_usable: Bool, position: Float64, step: Step) -> float:
+        """That of the equations, in a third of their time."""
+        sums, every = np.zeros(3), _FINE_ROWS_EVERY if step.fine else 1
+        for source in self._weighted_sources(position, step.sources)[1]:
+            _, view, view_usable = self._view(int(source), position, step)
+            sums += inner_products(view, view_usable, query, query_usable, every)
+        return cosine_of(*sums)
 
     def sources_at(self, position: Float64) -> tuple[Float64, Float64]:
         """Sources of the last views at a position (2,): weights (s,), and offsets from them to it (s, 2), metres."""
@@ -294,18 +301,21 @@ class PoseRefiner:
 
     def _weighted_sources(self, position: Float64, count: int) -> tuple[Float64, NDArray[np.int64]]:
         """Weights and indices of the nearest references that views can be made from; beside one that stands alone, that one."""
-        _, nearest = self._tree.query(position)
-        if self._synthesizer.alone[nearest]:
-            return np.ones(1), np.array([nearest])
+        if self._synthesizer.alone.any():
+            _, nearest = self._tree.query(position)
+            if self._synthesizer.alone[nearest]:
+                return np.ones(1), np.array([nearest])
         distances, indices = self._synthesizer.sources_around(position, count)
         weights = self._synthesizer.trust[indices] / (distances + _NEAR_M)
         return weights / weights.sum(), indices
 
-    def _view(self, source: int, position: Float64, profile: Float64, step: Step) -> tuple[Complex64, Bool]:
+    def _view(self, source: int, position: Float64, step: Step) -> tuple[Float64, Complex64, Bool]:
+        """The walls seen from a position, and the features there of what a source sees."""
+        profile = self._synthesizer.profile_at(source, position)
         if step.fine:
-            return orientations(self._synthesizer.view(source, position, profile), self._settings)
+            return profile, *orientations(self._synthesizer.view(source, position, profile), self._settings)
         map_x, map_y = self._synthesizer.table(source, position, profile, step.stride)
-        return read_planes(self._source_planes(source, step.sigma), map_x, map_y)
+        return profile, *read_planes(self._source_planes(source, step.sigma), map_x, map_y)
 
     def _turned_back(self, planes: Float32, heading: float, tilt: Float64, stride: int) -> tuple[Complex64, Bool]:
         """Features as an upright camera would have seen them at heading 0."""

@@ -41,6 +41,17 @@ def test_normal_equations_agree_with_numpy(variant, every: int, some: bool) -> N
     assert np.array_equal(found[0], found[0].T)
 
 
+@pytest.mark.parametrize("every", [1, 2])
+def test_inner_products_are_those_of_the_equations(variant, every: int) -> None:
+    rng = np.random.default_rng(every)
+    view, query = smooth_features(rng), smooth_features(rng)
+    masks = rng.random((2, *view.shape)) < 0.8
+    found = variant(alignment.inner_products)(view, masks[0], query, masks[1], every)
+    rest = (RAYS.floor, RAYS.tangents, RAYS.row_step, every, None)
+    expected = naive.normal_equations(view, masks[0], query, masks[1], naive.some_profile(rng), *rest)
+    assert found == pytest.approx(expected[-3:], rel=1e-5)
+
+
 def test_nothing_in_common_gives_empty_equations(variant) -> None:
     view = smooth_features(np.random.default_rng(0))
     nowhere = np.zeros(view.shape, dtype=bool)

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from panoloc_mcl.robot.measurement import Agreement
 from panoloc_mcl.robot.synthesis.equations import Equations, Views
 
 SECTORS, COLUMNS = 30, 360
@@ -22,7 +21,9 @@ def drawn(rng: np.random.Generator, sd: np.ndarray) -> tuple[np.ndarray, Equatio
     left = errors - jacobian @ solution
     pulls = (jacobian * left[:, None]).reshape(SECTORS, -1, 5).sum(axis=1)
     residual = float(left @ left)
-    return solution[:3], Equations(normal, jacobian.T @ left, residual, COLUMNS, Agreement(0.9, np.ones(24), 0.9), pulls)
+    # Image and views agree to 0.9.
+    columns = np.ones((3, 1, COLUMNS)) * np.array([0.9, 1.0, 1.0])[:, None, None]
+    return solution[:3], Equations(normal, jacobian.T @ left, residual, COLUMNS, columns, pulls)
 
 
 @pytest.mark.parametrize("uneven", [False, True])
