@@ -144,7 +144,7 @@ class Correlator:
     def glance(self, z: Complex64, width: float, places: NDArray[np.int64] | None = None) -> Float32:
         """Votes by few eigenimages for all places, or some, at every fifth heading, masks or not: float32 (columns / 5, c)."""
         kept, real, imaginary = self._first_spectra
-        coefficients, lengths = self._first if places is None else self._codes(_GLANCE_COMPONENTS, places)
+        coefficients, lengths = self._first if places is None else self._glanced_at(places)
         headings = max(1, self.columns // _GLANCE_COLUMNS)
         spectrum = np.ascontiguousarray(fft.fft(z, axis=1).T[self._frequencies[kept]])
         projections = np.zeros((headings, coefficients.shape[0] // 2), dtype=np.complex64)
@@ -213,6 +213,23 @@ class Correlator:
     def _first(self) -> tuple[Float32, Float32]:
         """What a glance compares all places with (see `_codes`)."""
         return self._codes(_GLANCE_COMPONENTS)
+
+    def _glanced_at(self, places: NDArray[np.int64]) -> tuple[Float32, Float32]:
+        """The same of some places of a large map; read once, as they lie far apart in it, and most are glanced at again."""
+        codes, lengths, known = self._glances
+        new = places[~known[places]]
+        if len(new):
+            read, lengths[new] = self._codes(_GLANCE_COMPONENTS, new)
+            codes[new] = read.T
+            known[new] = True
+        return codes[places].T, lengths[places]
+
+    @cached_property
+    def _glances(self) -> tuple[Float32, Float32, Bool]:
+        """Codes (k, 2 m) and lengths (k,) of places that were glanced at, and which were. What is not written to takes no memory."""
+        count, components = len(self.coefficients), min(_GLANCE_COMPONENTS, self.real.shape[2])
+        codes, lengths = np.empty((count, 2 * components), np.float32), np.empty(count, np.float32)
+        return codes, lengths, np.zeros(count, dtype=np.bool_)
 
     def _codes(self, most: int, places: NDArray[np.int64] | None = None) -> tuple[Float32, Float32]:
         """First coefficients of all places, or some, float32 (2 m, c), real parts first, and their lengths, (c,)."""

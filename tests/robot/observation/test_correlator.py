@@ -49,6 +49,16 @@ def test_a_glance_sees_every_fifth_heading_of_what_is_smooth() -> None:
     assert votes.max() == pytest.approx(1.0, abs=1e-2)
 
 
+def test_a_glance_at_some_places_is_that_at_all_of_them() -> None:
+    rng = np.random.default_rng(4)
+    eigenimages, coefficients = complex_noise(rng, COMPONENTS, ROWS, COLUMNS), complex_noise(rng, PLACES, COMPONENTS)
+    correlator, z = some_correlator(eigenimages, coefficients), complex_noise(rng, ROWS, COLUMNS)
+    every = correlator.glance(z, 0.7)
+    # Of the second ones, one is known from the first.
+    for some in ([2, 0], [0, 3], [1, 2, 3]):
+        assert correlator.glance(z, 0.7, np.array(some)) == pytest.approx(every[:, some], rel=1e-5)
+
+
 def test_what_is_kept_gives_the_same_correlator() -> None:
     rng = np.random.default_rng(3)
     eigenimages, coefficients = complex_noise(rng, COMPONENTS, ROWS, COLUMNS), complex_noise(rng, PLACES, COMPONENTS)
