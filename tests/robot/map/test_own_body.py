@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -11,13 +12,16 @@ from hypothesis import strategies as st
 
 from panoloc_mcl.laboratory.corruptions import corrupt, parse_recipe
 from panoloc_mcl.robot.camera import Mask, Mount, PanoramaCamera
+from panoloc_mcl.robot.images import read_image
 from panoloc_mcl.robot.localizer import Localizer
-from panoloc_mcl.robot.map.drives.mapping import map_drives
+from panoloc_mcl.robot.map.drives import mapping
+from panoloc_mcl.robot.map.held_out import pose_of
 from panoloc_mcl.robot.map.own_body import with_found_mask
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.settings.map import MapSettings
 from panoloc_mcl.robot.settings.observation import VotesSettings
 from panoloc_mcl.tools.datasets import Dataset, read_dataset
+from panoloc_mcl.tools.datasets.trajectory import truth_at
 from panoloc_mcl.tools.runs.map_drives import drives_of
 
 CAMERA = PanoramaCamera(elevation_deg=(-50.0, 25.0), height_m=0.6)
@@ -143,6 +147,16 @@ def test_a_map_finds_the_body_keeps_it_and_leaves_it_out_of_later_images(
     assert loaded.as_found(late).time_offset_s == 0.1
 
 
+def test_images_past_the_body_are_read_rightly(with_body: Dataset, its_map: PanoramaMap) -> None:
+    (drive,) = with_body.sequences.values()
+    unwrap, model = its_map.unwrapper(drive.camera, drive.image_size), its_map.observation_model()
+    assert drive.groundtruth is not None
+    truth = truth_at(drive.groundtruth, drive.times)
+    fields = [model.observe(unwrap(read_image(file))) for file in drive.files]
+    off = np.array([pose_of(field) for field in fields]) - truth
+    assert np.sum(np.hypot(off[:, 0], off[:, 1]) < 0.25) >= len(off) - 1
+
+
 def test_another_camera_and_one_with_a_mask_are_left_as_they_are(with_body: Dataset, its_map: PanoramaMap) -> None:
     camera = with_body.references.camera
     other = camera.model_copy(update={"mount": Mount(yaw_deg=20.0)})
@@ -177,9 +191,23 @@ def test_drives_have_their_body_left_out_too(with_body: Dataset, small_room: Dat
         assert (camera.mask is not None) == found
 
 
-@pytest.mark.slow
-def test_a_map_of_a_drive_finds_the_body(with_body: Dataset) -> None:
+@pytest.mark.parametrize("look", [True, False])
+def test_keyframes_of_drives_are_chosen_and_compared_without_the_body(
+    look: bool, with_body: Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    handed: list[Any] = []
+
+    class Seen:
+        def __init__(self, *given: Any) -> None:
+            handed.extend(given)
+
+        def run(self) -> None:
+            """Where the drives become a map."""
+
+    monkeypatch.setattr(mapping, "_Mapping", Seen)
     (drive,), _ = drives_of(with_body, ["*"])
-    mapped = map_drives([drive, replace(drive, name="again")], VotesSettings(), MapSettings(file=None))
-    assert mapped.source.camera.mask is not None
-    assert any("found the robot's body" in note for note in mapped.notes)
+    # Poses of one say nothing of those of the other, so both count.
+    mapping.map_drives([drive, replace(drive, name="again")], VotesSettings(), MapSettings(file=None, find_body=look))
+    drives, notes = handed[0], handed[4]
+    assert [one.camera.mask is not None for one in drives] == [look, look]
+    assert any("found the robot's body" in note for note in notes) == look
