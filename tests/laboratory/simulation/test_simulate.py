@@ -23,6 +23,7 @@ from panoloc_mcl.laboratory.simulation.simulate import MARK, Simulation
 from panoloc_mcl.laboratory.simulation.world import World, illuminance
 from panoloc_mcl.robot.camera import Unwrapper
 from panoloc_mcl.robot.camera.spec import OmniCamera, PanoramaCamera, camera_from_mapping
+from panoloc_mcl.robot.files import UNFINISHED
 from panoloc_mcl.tools.cli.main import main
 from panoloc_mcl.tools.datasets import read_dataset
 
@@ -231,14 +232,14 @@ def test_killed_without_warning(made, tiny_folder, tmp_path, simulation_cache):
     assert child.returncode not in (0, 1)
     assert len(list(out.rglob("*.png"))) >= 9
     # What is left when the end comes while a file is written.
-    (out / "references" / ".ref_009.png.ab12_x9z").write_bytes(b"half")
+    (out / "references" / f".ref_009.png.ab12_x9z{UNFINISHED}").write_bytes(b"half")
     assert contents(run(tiny_folder, out)) == contents(made)
 
 
 def test_killed_at_the_very_end_and_at_the_very_beginning(made, tiny_folder, tmp_path):
     out = tmp_path / "data"
     out.mkdir()
-    (out / f".{MARK}.ab12_x9z").write_text("half")
+    (out / f".{MARK}.ab12_x9z{UNFINISHED}").write_text("half")
     assert contents(run(tiny_folder, out)) == contents(made)
     simulation = Simulation(load_simulation(tiny_folder / "tiny.yaml"), tiny_folder)
     (out / "dataset.yaml").unlink()
