@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from panoloc_mcl.laboratory.peers.local_features.kinds import Found, Sift
 from panoloc_mcl.laboratory.peers.local_features.sphere import Sphere, pycolmap
 from panoloc_mcl.robot.camera import Unwrapper, geometry_of
+from panoloc_mcl.robot.errors import DatasetError, PanolocError
 from panoloc_mcl.robot.images import read_image
 from panoloc_mcl.tools.datasets import Sequence, read_dataset, resolve_dataset
 
@@ -73,22 +74,26 @@ def main() -> None:
     """Print a line for each drive."""
     if len(sys.argv) < 3:
         sys.exit(f"usage: {sys.argv[0]} DATASET DRIVE...")
-    dataset = read_dataset(resolve_dataset(sys.argv[1]))
-    for name in sys.argv[2:]:
-        drive = dataset.sequences[name]
-        assert drive.groundtruth is not None, f"{name} has no ground truth"
-        with tempfile.TemporaryDirectory() as folder:
-            models = mapped(drive, Path(folder))
-        print(f"{name}: {len(drive)} images, models of {', '.join(str(len(model)) for model in models) or 'none'}", end="")
-        if models:
-            numbers = sorted(models[0])
-            truth = np.array([[*drive.groundtruth.at(drive.times[number])[:2], 0.0] for number in numbers])
-            off = 1e3 * errors_of(np.array([models[0][number] for number in numbers]), truth)
-            print(
-                f"; the largest: median {np.median(off):.1f} mm, 95 % {np.quantile(off, 0.95):.1f}, largest {off.max():.1f}",
-                end="",
-            )
-        print(flush=True)
+    try:
+        for drive in read_dataset(resolve_dataset(sys.argv[1])).select(sys.argv[2:]):
+            print(told(drive), flush=True)
+    except PanolocError as error:
+        sys.exit(str(error))
+
+
+def told(drive: Sequence) -> str:
+    """How many images COLMAP places, and how well."""
+    if drive.groundtruth is None:
+        raise DatasetError(f"{drive.path}: has no ground truth; models are judged by it")
+    with tempfile.TemporaryDirectory() as folder:
+        models = mapped(drive, Path(folder))
+    found = f"{drive.name}: {len(drive)} images, models of {', '.join(str(len(model)) for model in models) or 'none'}"
+    if not models:
+        return found
+    numbers = sorted(models[0])
+    truth = np.array([[*drive.groundtruth.at(drive.times[number])[:2], 0.0] for number in numbers])
+    off = 1e3 * errors_of(np.array([models[0][number] for number in numbers]), truth)
+    return f"{found}; the largest: median {np.median(off):.1f} mm, 95 % {np.quantile(off, 0.95):.1f}, largest {off.max():.1f}"
 
 
 if __name__ == "__main__":

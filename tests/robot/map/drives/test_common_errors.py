@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from panoloc_mcl.robot.geometry import between
+from panoloc_mcl.robot.geometry import between, compose
 from panoloc_mcl.robot.map.drives.common_errors import common_errors
 from panoloc_mcl.robot.map.keyframes import IMAGES, ODOMETRY, Edges
 from panoloc_mcl.robot.map.pose_graph import Priors, solve
@@ -92,3 +92,20 @@ def test_a_world_that_is_bent_is_an_error_that_poses_cannot_tell():
     sizes[12] = bend
     off = seen - between(straight[pairs[:, 0]], straight[pairs[:, 1]])
     np.testing.assert_allclose((common.effects @ sizes).reshape(-1, 3), off, atol=1e-6)
+
+
+def test_drives_whose_images_say_nothing_stay_where_odometry_has_them():
+    rng = np.random.default_rng(0)
+    driven = np.column_stack([rng.uniform(0.2, 0.5, 9), np.zeros(9), rng.uniform(-0.5, 0.5, 9)])
+    poses = [np.zeros(3)]
+    for step in driven:
+        poses.append(compose(poses[-1], step))
+    steps = np.column_stack([np.arange(9), np.arange(1, 10)])
+    edges = Edges.of(steps, driven, np.broadcast_to(np.diag([1e-4, 1e-4, 1e-4]), (9, 3, 3)), ODOMETRY)
+    common = common_errors(edges, np.array(poses), np.zeros(10, dtype=np.int64))
+    # Of the errors of images: of each keyframe, of the drive, of all.
+    assert common.effects[:, : 10 + 1 + 10 + 1 + 10].nnz == 0
+    sds = np.full((10, 2), np.inf)
+    sds[0] = 1e-4
+    found = solve(np.array(poses), edges, Priors(np.array(poses), sds, robust=False), common=common)
+    np.testing.assert_allclose(found.poses, poses, atol=1e-6)
