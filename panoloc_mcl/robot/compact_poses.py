@@ -68,11 +68,6 @@ class CompactPoses:
         """As kernels take them."""
         return self.x, self.y, self.turns
 
-    @property
-    def ends(self) -> tuple[np.float32, np.float32, np.float32, np.float32]:
-        """Lowest and highest x and y."""
-        return self.x.min(), self.x.max(), self.y.min(), self.y.max()
-
     def copy(self) -> CompactPoses:
         """The same in arrays of their own."""
         return CompactPoses(self.origin, self.x.copy(), self.y.copy(), self.turns.copy())

@@ -98,6 +98,7 @@ class MonteCarloFilter:
         nothing_known = start.position is None and start.heading is None
         self.memory = Memory(int(rng.integers(2**63)), 0, nothing_known, float(settings.particles), vouched=not nothing_known)
         self._random = np.random.Generator(np.random.Philox(0))
+        self._fresh = self._random.bit_generator.state
         self._shared: SharedError | None = None
         self._answer: FilterState | None = None
         self._set = ParticleSet(drawn_from(start, places, settings.particles, self._next_step()), settings.threads)
@@ -117,7 +118,7 @@ class MonteCarloFilter:
         self.memory.step += 1
         at = {"counter": np.array([0, 0, 0, self.memory.step], np.uint64), "key": np.array([self.memory.key, 0], np.uint64)}
         # Set to the step: a new generator takes four times as long.
-        self._random.bit_generator.state = {**self._random.bit_generator.state, "state": at, "buffer_pos": 4, "has_uint32": 0}
+        self._random.bit_generator.state = {**self._fresh, "state": at}
         return self._random
 
     def propagate(self, motion: Motion) -> None:

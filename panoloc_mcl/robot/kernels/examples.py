@@ -28,7 +28,7 @@ def _read_field() -> tuple[Any, ...]:
 
 
 def _grid() -> tuple[Any, ...]:
-    return *_particles(), np.ones(4, dtype=np.float32), *np.zeros(4, dtype=np.float32), 0.4, 24
+    return *_particles(), np.ones(4, dtype=np.float32), 0.4, 24
 
 
 def _where_to_look() -> tuple[Any, ...]:
@@ -139,6 +139,7 @@ EXAMPLES: dict[str, Callable[[], tuple[Any, ...]]] = {
         np.zeros((3, 4), np.float32),
     ),
     "filtering.hypotheses.link_cells": lambda: (np.array([9, 10]), np.ones(2, dtype=np.bool_), 5, 3),
+    "filtering.hypotheses.lowest_and_highest": lambda: (_numbers(),),
     "filtering.hypotheses.merge_cells": lambda: (np.zeros(2, dtype=np.int64), 1, np.zeros((2, 3)), np.ones((2, 10))),
     "filtering.hypotheses.occupied_cells": _grid,
     "filtering.hypotheses.slots_of": lambda: (np.zeros(4, dtype=np.int64), 4, _integers(1) - 1, np.zeros(1, dtype=np.int64), 0),

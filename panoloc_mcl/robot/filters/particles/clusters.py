@@ -31,9 +31,7 @@ def find_clusters(particles: CompactPoses, weights: Float32, most: int = 5) -> t
     most : int
         How many are returned.
     """
-    masses, means, covariances = hypotheses(
-        *particles.arrays, weights, *particles.ends, _CELL_M, _HEADING_CELLS, _LINKING_SHARE
-    )
+    masses, means, covariances = hypotheses(*particles.arrays, weights, _CELL_M, _HEADING_CELLS, _LINKING_SHARE)
     means[:, :2] += particles.origin
     # Equal masses: the one whose cells come first, so that the order never depends on the sorting algorithm.
     ranking = np.argsort(-masses, kind="stable")[:most]
@@ -43,4 +41,4 @@ def find_clusters(particles: CompactPoses, weights: Float32, most: int = 5) -> t
 def occupied_bins(particles: CompactPoses, bin_m: float, around: int) -> int:
     """How many cells of a grid hold particles, with so many around the circle."""
     weights = np.ones(len(particles), dtype=np.float32)
-    return len(occupied_cells(*particles.arrays, weights, *particles.ends, bin_m, around)[0])
+    return len(occupied_cells(*particles.arrays, weights, bin_m, around)[0])

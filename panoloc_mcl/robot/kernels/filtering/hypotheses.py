@@ -18,6 +18,8 @@ UInt32 = NDArray[np.uint32]
 Bool = NDArray[np.bool_]
 
 _BLOCK = 512
+# Comparisons side by side: one need not wait for the one just before it.
+_ABREAST = 64
 _HALF, _OF_24_BITS = np.float32(0.5), np.float32(2.0**-24)
 # Grids of up to so many cells are looked up in a table, larger ones by searching.
 _TABLE_CELLS = 1 << 16
@@ -29,10 +31,6 @@ def hypotheses(
     y: Float32,
     turns: UInt32,
     weights: Float32,
-    low_x: np.float32,
-    high_x: np.float32,
-    low_y: np.float32,
-    high_y: np.float32,
     cell: float,
     around: int,
     linking: float,
@@ -41,14 +39,12 @@ def hypotheses(
 
     Parameters
     ----------
-    x, y, turns, weights, low_x, high_x, low_y, high_y, cell, around
+    x, y, turns, weights, cell, around
         See `occupied_cells`.
     linking : float
         Cells below this share of the heaviest one's weight do not link two.
     """
-    occupied, moments, first_column, first_row, rows = occupied_cells(
-        x, y, turns, weights, low_x, high_x, low_y, high_y, cell, around
-    )
+    occupied, moments, first_column, first_row, rows = occupied_cells(x, y, turns, weights, cell, around)
     labels = link_cells(occupied, moments[:, 0] >= linking * moments[:, 0].max(), rows, around)
     centres = np.empty((occupied.shape[0], 3))
     for one in range(occupied.shape[0]):
@@ -65,10 +61,6 @@ def occupied_cells(
     y: Float32,
     turns: UInt32,
     weights: Float32,
-    low_x: np.float32,
-    high_x: np.float32,
-    low_y: np.float32,
-    high_y: np.float32,
     cell: float,
     around: int,
 ) -> tuple[Int64, Float64, int, int, int]:
@@ -79,8 +71,6 @@ def occupied_cells(
     x, y, turns : float32 (n,) twice, uint32 (n,)
         See `kernels.particles`.
     weights : float32 (n,)
-    low_x, high_x, low_y, high_y : float32
-        The ends of both.
     cell : float
         Side, metres.
     around : int
@@ -100,6 +90,7 @@ def occupied_cells(
     """
     # In single precision, as in `in_cells`.
     per_metre = np.float32(1.0 / cell)
+    (low_x, high_x), (low_y, high_y) = lowest_and_highest(x), lowest_and_highest(y)
     west, south = int(np.floor(low_x * per_metre)) - 1, int(np.floor(low_y * per_metre)) - 1
     columns, rows = int(np.floor(high_x * per_metre)) - west + 2, int(np.floor(high_y * per_metre)) - south + 2
     count, cells = turns.shape[0], columns * rows * around
@@ -132,6 +123,21 @@ def occupied_cells(
     order = np.argsort(occupied[:found])
     moments = sums[: 20 * found].copy().reshape(found, 2, 10)
     return occupied[order], (moments[:, 0] + moments[:, 1])[order], west, south, rows
+
+
+@vector_kernel
+def lowest_and_highest(values: Float32) -> tuple[np.float32, np.float32]:
+    """The ends of finite values, float32 (n,), of which there is one at least."""
+    low, high = np.full(_ABREAST, values[0]), np.full(_ABREAST, values[0])
+    for start in range(0, values.shape[0] - _ABREAST + 1, _ABREAST):
+        part = values[start : start + _ABREAST]
+        for i in range(_ABREAST):
+            low[i] = part[i] if part[i] < low[i] else low[i]
+            high[i] = part[i] if part[i] > high[i] else high[i]
+    lowest, highest = low.min(), high.max()
+    for i in range(values.shape[0] - values.shape[0] % _ABREAST, values.shape[0]):
+        lowest, highest = min(lowest, values[i]), max(highest, values[i])
+    return lowest, highest
 
 
 @vector_kernel

@@ -55,13 +55,16 @@ def to_likelihoods(votes: Float32, best: float, tolerance: float, sharpness: flo
 @vector_kernel
 def sums_of_likelihoods(votes: Float32, every: int, best: float, tolerance: float, sharpness: float) -> Float64:
     """Sums over every so many-th row of the likelihoods of votes (h, c), without a floor (see `likelihoods`); float64 (c,)."""
-    sums, row = np.zeros(votes.shape[1]), np.empty(votes.shape[1], dtype=np.float32)
+    steepness, most = np.float32(-0.5 * sharpness / (tolerance * tolerance)), np.float32(best)
+    # Of at most some hundred headings: single precision is enough for these, and twice as many are added at once.
+    sums = np.zeros(votes.shape[1], dtype=np.float32)
     for number in range(0, votes.shape[0], every):
-        row[:] = votes[number]
-        to_likelihoods(row, best, tolerance, sharpness, 0.0)
-        for i in range(row.shape[0]):
-            sums[i] += np.float64(row[i])
-    return sums
+        row = votes[number]
+        for i in range(sums.shape[0]):
+            missing = most - row[i]
+            short = _NONE if missing < _NONE else missing
+            sums[i] += exponential(steepness * short * short)
+    return sums.astype(np.float64)
 
 
 @vector_kernel

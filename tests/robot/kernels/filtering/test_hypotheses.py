@@ -14,7 +14,7 @@ def test_cells_and_their_moments_agree_with_numpy(variant, around: int, far: flo
     # One so far off that the cells are too many for a table.
     some[-1, 0] += far
     particles, weights = CompactPoses.of(some, (0.0, 0.0)), rng.random(700).astype(np.float32)
-    occupied, moments, *grid = variant(hypotheses.occupied_cells)(*particles.arrays, weights, *particles.ends, 0.625, around)
+    occupied, moments, *grid = variant(hypotheses.occupied_cells)(*particles.arrays, weights, 0.625, around)
     expected, expected_moments, *expected_grid = naive.occupied_cells(particles.poses, weights, 0.625, around)
     assert np.array_equal(occupied, expected)
     assert grid == expected_grid
@@ -27,7 +27,7 @@ def test_hypotheses_are_the_merged_cells_that_touch(variant) -> None:
     rng = np.random.default_rng(3)
     some = np.vstack([rng.normal([0.0, 0.0, 0.5], 0.05, (300, 3)), rng.normal([3.0, 1.0, -2.0], 0.05, (100, 3))])
     particles, weights = CompactPoses.of(some), np.full(400, 1.0 / 400, dtype=np.float32)
-    masses, means, covariances = variant(hypotheses.hypotheses)(*particles.arrays, weights, *particles.ends, 0.4, 24, 0.01)
+    masses, means, covariances = variant(hypotheses.hypotheses)(*particles.arrays, weights, 0.4, 24, 0.01)
     first, second = np.argsort(-masses)[:2]
     for label, part in ((first, some[:300]), (second, some[300:])):
         assert masses[label] == pytest.approx(len(part) / 400, rel=1e-6)
@@ -72,3 +72,9 @@ def test_links_agree_with_flooding(variant, cells: int, turns: int) -> None:
             assert np.sum(labels == labels[one]) == 1
     firsts = [int(np.flatnonzero(labels == label)[0]) for label in range(labels.max() + 1)]
     assert firsts == sorted(firsts)
+
+
+@pytest.mark.parametrize("count", [1, 63, 64, 65, 300])
+def test_ends_are_those_of_numpy(variant, count: int) -> None:
+    values = np.random.default_rng(count).normal(size=count).astype(np.float32)
+    assert variant(hypotheses.lowest_and_highest)(values) == (values.min(), values.max())

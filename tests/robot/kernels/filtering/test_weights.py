@@ -71,3 +71,11 @@ def test_the_normal_density_agrees_with_scipy(variant) -> None:
     scale = -1.5 * np.log(2.0 * np.pi) - np.log(np.diag(root)).sum()
     found = variant(weights.normal_density)(turned, mean, np.linalg.inv(root), float(scale))
     assert found == pytest.approx(multivariate_normal(np.zeros(3), root @ root.T).pdf(away), rel=1e-9)
+
+
+@pytest.mark.parametrize("every", [1, 4])
+def test_sums_over_headings_agree_with_numpy(variant, every: int) -> None:
+    votes = np.random.default_rng(2).random((360, 37)).astype(np.float32)
+    short = np.maximum(0.8 - votes[::every].astype(np.float64), 0.0) / 0.15
+    expected = np.exp(-0.5 * 0.7 * short**2).sum(axis=0)
+    assert variant(weights.sums_of_likelihoods)(votes, every, 0.8, 0.15, 0.7) == pytest.approx(expected, rel=5e-6)
