@@ -60,7 +60,7 @@ def at_resolution(panorama: Panorama, shape: Shape) -> Panorama:
     pixels = _resized(panorama.pixels, shape)
     if panorama.valid is None:
         return Panorama(pixels, None)
-    valid = _resized(panorama.valid.astype(np.float32), shape) > 0.99
+    valid = np.abs(_resized(panorama.valid.astype(np.float32), shape) - 1.0) < 0.01
     return Panorama(pixels * valid, valid)
 
 
@@ -218,13 +218,23 @@ def _resized(image: NDArray[np.float32], shape: Shape) -> NDArray[np.float32]:
 
 
 def _turned(image: NDArray[np.float32], columns: float) -> NDArray[np.float32]:
-    """All columns moved to the right by so many, around the circle; what falls between two is shared by them."""
+    """All columns moved to the right by so many, around the circle; between two, by a cubic through four.
+
+    A line between the two would blur: half a column aside, it takes the mean of both.
+    """
     whole = math.floor(columns)
-    share = np.float32(columns - whole)
-    turned = np.roll(image, whole, axis=1)
-    if share == 0.0:
-        return turned
-    return np.asarray((np.float32(1.0) - share) * turned + share * np.roll(image, whole + 1, axis=1))
+    t = columns - whole
+    if t == 0.0:
+        return np.roll(image, whole, axis=1)
+    # Catmull-Rom.
+    shares = (
+        -0.5 * t + t**2 - 0.5 * t**3,
+        1.0 - 2.5 * t**2 + 1.5 * t**3,
+        0.5 * t + 2.0 * t**2 - 1.5 * t**3,
+        0.5 * t**3 - 0.5 * t**2,
+    )
+    parts = (np.float32(share) * np.roll(image, whole - 1 + k, axis=1) for k, share in enumerate(shares))
+    return np.asarray(sum(parts))
 
 
 def _valid(panorama: Panorama) -> NDArray[np.bool_]:

@@ -111,6 +111,17 @@ def test_every_column_looks_where_the_geometry_says(columns: int) -> None:
     assert np.degrees(brightest - bearing) == pytest.approx(0.0, abs=0.005)
 
 
+@pytest.mark.parametrize("waves", [8, 20])
+def test_a_column_that_begins_within_another_is_as_sharp_as_one_that_does_not(waves: int) -> None:
+    """Half as many columns: each of the wide ones begins in the middle of a narrow one."""
+    phase = 2.0 * np.pi * waves * np.arange(240) / 240
+    small = at_resolution(Panorama(np.tile(np.cos(phase), (8, 1)).astype(np.float32)), (8, 120))
+    spectrum = np.abs(np.fft.rfft(small.pixels[0])) / 60
+    # What the mean over a pixel of twice the width leaves of such a wave.
+    kept = np.cos(np.pi * waves / 240)
+    assert spectrum[waves] == pytest.approx(kept, abs=0.02)
+
+
 def test_a_model_takes_images_of_the_size_of_its_references(sharp) -> None:
     settings = VotesSettings(columns=60, calibration_references=0)
     model = VotesModel.build(sharp, settings)
