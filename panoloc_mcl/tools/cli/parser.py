@@ -24,6 +24,13 @@ class Parser(argparse.ArgumentParser):
         self.spellings = (*self.spellings, *action.option_strings)
         return action
 
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        try:
+            super()._check_value(action, value)
+        except argparse.ArgumentError as error:
+            near = did_you_mean(value, map(str, action.choices or ()))
+            raise argparse.ArgumentError(action, _joined(error.message, near)) from None
+
     def error(self, message: str) -> NoReturn:
         """Print the line and leave with code 2."""
         hint = "" if message.endswith("?") else f"; see {self.prog} --help"

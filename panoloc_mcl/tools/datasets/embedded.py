@@ -6,7 +6,7 @@ from pathlib import Path
 
 from panoloc_mcl.robot.errors import DatasetError, did_you_mean
 from panoloc_mcl.robot.files import at_home, known_errors
-from panoloc_mcl.tools.datasets.recordings import is_recording
+from panoloc_mcl.tools.datasets.recordings import FILES, is_recording
 
 #: Folders of the data sets in the package, by name.
 EMBEDDED: dict[str, Path] = {
@@ -26,7 +26,7 @@ def resolve_dataset(name_or_path: str | Path) -> Path:
     Raises
     ------
     DatasetError
-        Neither a folder nor a known name; with the nearest name.
+        Neither a folder, a recording nor a known name; with the nearest name.
     """
     path = at_home(name_or_path, "dataset")
     with known_errors(DatasetError, path):
@@ -37,5 +37,9 @@ def resolve_dataset(name_or_path: str | Path) -> Path:
             return embedded
         if path.is_dir() or is_recording(path):
             return path
+        if path.is_file():
+            raise DatasetError(
+                f"dataset = '{name_or_path}': a file that is no recording ({', '.join(FILES)}); give one of these, or a folder"
+            )
     hint = did_you_mean(name_or_path, EMBEDDED) or "check the path"
     raise DatasetError(f"dataset = '{name_or_path}': neither a folder nor an embedded data set ({', '.join(EMBEDDED)}); {hint}")

@@ -34,6 +34,12 @@ def test_what_is_neither(name: str, said: str, tmp_path: Path, monkeypatch: pyte
         resolve_dataset(name)
 
 
+def test_a_file_that_is_no_recording(tmp_path: Path) -> None:
+    (tmp_path / "notes.md").touch()
+    with pytest.raises(DatasetError, match=r"notes\.md': a file that is no recording \(\.bag, \.mcap, .*or a folder"):
+        resolve_dataset(tmp_path / "notes.md")
+
+
 def test_the_shipped_hall() -> None:
     path = EMBEDDED["hall"]
     assert check_dataset(path) == []

@@ -19,6 +19,7 @@ from panoloc_mcl.tools.datasets.recordings.ros.hilti import is_hilti, read_hilti
 from panoloc_mcl.tools.datasets.recordings.video import VIDEOS, read_video
 
 __all__ = [
+    "FILES",
     "Recording",
     "dataset_of_recordings",
     "is_folder_of_images",
@@ -29,13 +30,14 @@ __all__ = [
     "sequence_of",
 ]
 
-_BAGS = (".bag", ".mcap", ".db3")
+#: Endings of recordings that are single files.
+FILES = (".bag", ".mcap", ".db3", *VIDEOS)
 
 
 def is_recording(path: Path) -> bool:
     """Whether a path is a recording in one of these layouts, by its look; not by opening it."""
     if path.is_file():
-        return path.suffix.lower() in (*_BAGS, *VIDEOS)
+        return path.suffix.lower() in FILES
     return (path / "metadata.yaml").is_file() or is_hilti(path) or is_folder_of_images(path) or is_cold(path)
 
 
