@@ -74,6 +74,12 @@ class MotionSettings(StrictModel):
     strafe_noise_from_translation: NonNegative = Field(
         0.15, le=10.0, description="Position noise across the way per metre driven, m/m (alpha5); omnidirectional only."
     )
+    slip_noise_from_translation: NonNegative = Field(
+        0.05,
+        le=10.0,
+        description="Position noise across the way per metre driven, m/m, by wheels that slip; differential only. The textbook's model "
+        "has 0.",
+    )
     image_only_speed_m_s: Positive = Field(
         0.5, le=50.0, description="Speed up to which the robot may drive where no odometry is known, m/s."
     )

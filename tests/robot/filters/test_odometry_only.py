@@ -39,16 +39,18 @@ def test_its_covariance_is_that_of_sampled_drives():
     for step in ((0.3, 0.05, 0.2), (0.3, 0.0, -0.4), (0.2, -0.05, 0.1)):
         motion = driven(*step)
         belief.propagate(motion)
-        first, along, last = (
+        first, along, across, last = (
             mean + sd * rng.standard_normal(len(sampled))
             for mean, sd in (
                 (motion.first_turn, motion.sd_first_turn),
                 (motion.along, motion.sd_along),
+                (motion.across, motion.sd_across),
                 (motion.last_turn, motion.sd_last_turn),
             )
         )
         direction = sampled[:, 2] + first
-        sampled += np.stack([along * np.cos(direction), along * np.sin(direction), first + last], axis=1)
+        cos, sin = np.cos(direction), np.sin(direction)
+        sampled += np.stack([along * cos - across * sin, along * sin + across * cos, first + last], axis=1)
     np.testing.assert_allclose(belief.covariance, np.cov(sampled.T), atol=3e-4)
 
 

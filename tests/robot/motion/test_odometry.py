@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from panoloc_mcl.robot.geometry import angle_difference, between, compose
 from panoloc_mcl.robot.motion import Motion, OdometryBuffer
+from panoloc_mcl.robot.motion.models import carried
 from panoloc_mcl.robot.settings.localizer import MotionSettings
 
 SETTINGS = MotionSettings()
@@ -298,12 +299,24 @@ def test_driving_backwards_is_no_turn() -> None:
 @pytest.mark.parametrize("model", ["differential", "omnidirectional"])
 def test_each_parameter_makes_its_noise(name: str, model: str) -> None:
     motion = one_step(1.0, 0.0, 0.4, model, **{name: 0.1})
-    found = {"rotation": motion.sd_heading, "translation": motion.sd_along, "strafe": motion.sd_across}
+    across = motion.sd_across
+    found = {"rotation": motion.sd_heading, "translation": motion.sd_along, "strafe": across, "slip": across}
     kind = name.split("_")[0]
-    # A robot with two wheels cannot drive sideways.
-    assert (found[kind] > 0.0) == (kind != "strafe" or model == "omnidirectional")
-    if model == "differential":
-        assert motion.sd_across == 0.0
+    # A robot with two wheels cannot drive sideways; it only slips.
+    only = {"strafe": "omnidirectional", "slip": "differential"}
+    assert (found[kind] > 0.0) == (only.get(kind, model) == model)
+    if model == "differential" and kind != "slip":
+        assert across == 0.0
+
+
+def test_slip_grows_with_the_way() -> None:
+    """Between images a decimetre apart odometry errs sideways by a share of the way, not of its square."""
+    for way in (0.1, 0.2, 0.4):
+        motion = one_step(way, 0.0, 0.0, slip_noise_from_translation=0.03)
+        assert motion.sd_across == pytest.approx(0.03 * way)
+        assert one_step(-way, 0.0, 0.0, slip_noise_from_translation=0.03).sd_across == pytest.approx(0.03 * way)
+    _, covariance = carried(np.zeros(3), np.zeros((3, 3)), one_step(0.1, 0.0, 0.0, slip_noise_from_translation=0.03))
+    assert covariance[1, 1] == pytest.approx(0.003**2)
 
 
 def test_the_stationary_model_reads_no_odometry() -> None:
