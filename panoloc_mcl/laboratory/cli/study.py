@@ -20,10 +20,14 @@ STUDIES = (
     "floors",
     "consistency",
     "light",
-    "camera",
-    "layouts",
-    "racing",
+    "cameras.camera",
+    "cameras.mount",
+    "cameras.yaw",
+    "streams.layouts",
+    "streams.racing",
     "maps.map",
+    "maps.frame",
+    "maps.colmap",
 )
 
 _MEMBERS: list[Reporting] = [importlib.import_module(f"panoloc_mcl.laboratory.cli.studies.{name}").COMMAND for name in STUDIES]

@@ -50,6 +50,14 @@ class Features(Protocol):
         """Pairs of features of two images (m, 2)."""
 
 
+def found_in(pixels: Float32, valid: NDArray[np.bool_] | None, features: Features, sphere: Sphere) -> Found:
+    """Features of a panorama (rows, columns), each once, where the camera sees the world (``valid``, as the pixels; None: all)."""
+    points, descriptors = features.find(sphere.strip(pixels))
+    points, inside = sphere.on_sphere(points)
+    kept = np.flatnonzero(inside)
+    return Found(points, descriptors).of(kept[sphere.seen(points[kept], valid)])
+
+
 class Sift:
     """COLMAP's SIFT (Lowe 2004, root-SIFT of Arandjelovic & Zisserman 2012) and its rules of matching: mutual nearest neighbours by
     angle, at most ``ratio`` as far as the second, at most 0.7 rad apart. Upright: cameras of robots are.

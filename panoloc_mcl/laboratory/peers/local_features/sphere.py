@@ -127,6 +127,4 @@ def extra(name: str) -> Any:
     try:
         return importlib.import_module(name)
     except ImportError as error:
-        raise MapError(
-            f"observation.model: this peer needs {name}; install the extra: pip install 'panoloc-mcl[peers]'"
-        ) from error
+        raise MapError(f"this peer needs {name}; install the extra: pip install 'panoloc-mcl[peers]'") from error

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.laboratory.peers.base import Float32, Peer, image_problem
-from panoloc_mcl.laboratory.peers.local_features.kinds import Features, Found, Sift, XFeat
+from panoloc_mcl.laboratory.peers.local_features.kinds import Features, Found, Sift, XFeat, found_in
 from panoloc_mcl.laboratory.peers.local_features.sphere import Sphere, pose_on_plane, pycolmap
 from panoloc_mcl.laboratory.peers.local_features.triangulation import triangulate
 from panoloc_mcl.laboratory.peers.settings import ColmapSiftSettings, StructureSettings, XFeatSettings
@@ -91,7 +91,7 @@ class StructurePeer(Peer[StructureSettings]):
         found = []
         for index, pixels in enumerate(references.pixels):
             valid = None if references.valid is None else references.valid[index]
-            found.append(_found(features, sphere, pixels.astype(np.float32), valid))
+            found.append(found_in(pixels.astype(np.float32), valid, features, sphere))
             progress(index + 1, len(references.pixels), "features")
         points, point_of = triangulate(found, references.positions, sphere, features, settings.neighbours, progress)
         return {
@@ -123,7 +123,7 @@ class StructurePeer(Peer[StructureSettings]):
 
     def locate(self, panorama: Panorama) -> Located | None:
         """The pose of an image; None where too few points agree."""
-        mine = _found(self._features, self._sphere, panorama.pixels, panorama.valid)
+        mine = found_in(panorama.pixels, panorama.valid, self._features, self._sphere)
         alike = [len(self._features.likely(mine.descriptors, other.descriptors)) for other in self._found]
         chosen = np.argsort(alike, kind="stable")[::-1][: self.settings.candidates]
         pairs = []
@@ -177,14 +177,6 @@ class XFeatModel(StructurePeer):
     def features(settings: XFeatSettings) -> Features:
         """XFeat."""
         return XFeat(settings.features, settings.least_cosine)
-
-
-def _found(features: Features, sphere: Sphere, pixels: Float32, valid: NDArray[np.bool_] | None) -> Found:
-    """Features of a panorama, each once, where the camera sees the world."""
-    points, descriptors = features.find(sphere.strip(pixels))
-    points, inside = sphere.on_sphere(points)
-    kept = np.flatnonzero(inside)
-    return Found(points, descriptors).of(kept[sphere.seen(points[kept], valid)])
 
 
 def _of_plane(covariance: Float64, cam_from_world: Any) -> Float64:

@@ -1,1 +1,1 @@
-"""Studies of maps: ``panoloc study map``, ``panoloc study poses``."""
+"""Studies of maps: ``panoloc study map``, ``panoloc study poses``, ``panoloc study frame``, ``panoloc study colmap``."""

@@ -5,8 +5,8 @@ from typing import Any
 import pytest
 
 from panoloc_mcl.laboratory.corruptions import parse_recipe
-from panoloc_mcl.laboratory.studies import camera
-from panoloc_mcl.laboratory.studies.camera import CASES, Case, study
+from panoloc_mcl.laboratory.studies.cameras import camera
+from panoloc_mcl.laboratory.studies.cameras.camera import CASES, Case, study
 from panoloc_mcl.robot.errors import ConfigError
 from panoloc_mcl.tools.config.model import RunConfig
 from panoloc_mcl.tools.datasets import read_dataset

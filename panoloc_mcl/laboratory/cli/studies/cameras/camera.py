@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> Report:
     """Disturb, localize, calibrate, localize again."""
-    from panoloc_mcl.laboratory.studies.camera import study
+    from panoloc_mcl.laboratory.studies.cameras.camera import study
     from panoloc_mcl.tools.cli.monitor import monitor
 
     config, folder = config_of(args, seed=args.seed), None if args.data is None else Path(args.data)

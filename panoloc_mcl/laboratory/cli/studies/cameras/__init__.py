@@ -1,0 +1,1 @@
+"""Studies of cameras: ``panoloc study camera``, ``panoloc study mount``, ``panoloc study yaw``."""

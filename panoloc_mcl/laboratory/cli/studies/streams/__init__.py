@@ -1,0 +1,1 @@
+"""Studies of streams: ``panoloc study layouts``, ``panoloc study racing``."""
