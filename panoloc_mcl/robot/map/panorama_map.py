@@ -7,19 +7,18 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
-import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from panoloc_mcl.robot.camera import Camera, PanoramaGeometry, Unwrapper, camera_from_mapping, to_mapping
+from panoloc_mcl.robot.camera import Camera, PanoramaGeometry, Unwrapper
 from panoloc_mcl.robot.errors import MapError, PanolocError
 from panoloc_mcl.robot.map import map_file
 from panoloc_mcl.robot.map.drives import Drive
 from panoloc_mcl.robot.map.drives.mapping import map_drives
 from panoloc_mcl.robot.map.headings import with_headings
 from panoloc_mcl.robot.map.keyframes import Keyframes
+from panoloc_mcl.robot.map.map_contents import contents, fields
 from panoloc_mcl.robot.map.mending import Mended, mend
 from panoloc_mcl.robot.map.own_body import with_found_mask
 from panoloc_mcl.robot.observation import ObservationModel, Places, differences, model_named
@@ -28,7 +27,7 @@ from panoloc_mcl.robot.observation.scale import references_at, resolution_of
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.references import Recorded, ReferencePanoramas, References
 from panoloc_mcl.robot.settings.map import MapSettings
-from panoloc_mcl.robot.settings.observation import ObservationSettings, all_observation_settings
+from panoloc_mcl.robot.settings.observation import ObservationSettings
 from panoloc_mcl.robot.synthesis.explained_rows import explained
 
 _LEAST_SEEN = 0.5
@@ -274,29 +273,7 @@ class PanoramaMap:
         OutputError
             The file cannot be written.
         """
-        references = self.references
-        tensors: dict[str, NDArray[Any]] = {
-            "references.pixels": references.pixels,
-            "references.positions": references.positions,
-            **{f"keyframes.{name}": np.ascontiguousarray(array) for name, array in self.keyframes.arrays().items()},
-            **{f"model.{name}": np.ascontiguousarray(array) for name, array in self.arrays.items()},
-        }
-        if references.valid is not None:
-            tensors["references.valid"] = map_file.kept_masks(references.valid)
-        geometry = references.geometry
-        header = {
-            "name": self.name,
-            "camera": to_mapping(self.camera),
-            "image_size": list(self.image_size),
-            "elevation_deg": [geometry.elevation_bottom_deg, geometry.elevation_top_deg],
-            "files": list(references.names),
-            "keyframes": self.keyframes.header(),
-            "observation": self.observation.model_dump(mode="json", include={"model", self.observation.model}),
-            "seed": self.seed,
-            "notes": list(self.notes),
-            "found_body": self.found_body,
-        }
-        map_file.write(Path(path), header, tensors)
+        map_file.write(Path(path), *contents(self))
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
@@ -309,37 +286,9 @@ class PanoramaMap:
         """
         header, tensors = map_file.read(Path(path))
         try:
-            return cls._from_file(header, tensors, str(path))
+            return cls(**fields(header, tensors, str(path)))
         except (LookupError, ValueError, TypeError, AttributeError, PanolocError) as error:
             raise MapError(f"{path}: the map's header is damaged ({error}); build it again with panoloc build-map") from error
-
-    @classmethod
-    def _from_file(cls, header: dict[str, Any], tensors: dict[str, NDArray[Any]], source: str) -> Self:
-        pixels = tensors["references.pixels"]
-        positions = tensors["references.positions"]
-        if positions.shape != (len(pixels), 2) or not np.isfinite(positions).all():
-            raise ValueError(f"{len(pixels)} references, but positions of shape {positions.shape} or not finite")
-        camera = camera_from_mapping(header["camera"], source)
-        references = ReferencePanoramas(
-            pixels=pixels,
-            valid=map_file.masks(tensors.get("references.valid"), len(pixels)),
-            positions=positions,
-            names=tuple(header["files"]),
-            geometry=PanoramaGeometry(pixels.shape[2], pixels.shape[1], *header["elevation_deg"]),
-            camera_height_m=camera.height_m,
-        )
-        return cls(
-            header["name"],
-            references,
-            camera,
-            (header["image_size"][0], header["image_size"][1]),
-            all_observation_settings().model_validate(header["observation"]),
-            header["seed"],
-            map_file.part(tensors, "model"),
-            _keyframes(references, map_file.part(tensors, "keyframes"), header.get("keyframes")),
-            tuple(str(note) for note in header.get("notes", ())),
-            bool(header.get("found_body", False)),
-        )
 
 
 def _without_body(references: References) -> tuple[References, tuple[str, ...]]:
@@ -355,10 +304,3 @@ def _built(
     kept = {"unfinished": unfinished} if observation.model == "votes" else {}
     with threadpool_limits(1, user_api="blas"):
         return model_named(observation.model).build(references, observation.selected, seed, progress, **kept)
-
-
-def _keyframes(references: ReferencePanoramas, arrays: dict[str, NDArray[Any]], header: dict[str, Any] | None) -> Keyframes:
-    """Keyframes as a file has them; a map of an earlier version holds positions only."""
-    if header is None:
-        return Keyframes.surveyed(references.names, np.pad(references.positions, ((0, 0), (0, 1))))
-    return Keyframes.restored(references.names, arrays, header)
