@@ -178,9 +178,10 @@ class Localizer(SavedState, TakesMessages):
                 headings = self._filter.heading_hypotheses(offset)
             with timed(stage_ms, "observe"):
                 expected = None if headings is not None or offset is not None else self._expected()
-                votes, found = self._observe(timestamp, image, headings, expected, motion.distance)
+                votes, found = self._observe(timestamp, image, headings, expected)
             with timed(stage_ms, "update"):
                 self._filter.update(votes, offset)
+                self._look_back(votes, found, motion.distance)
             self._learn_tilt(votes, motion)
             self._clock.fuse(timestamp)
             self._forced = False
@@ -258,7 +259,6 @@ class Localizer(SavedState, TakesMessages):
         image: NDArray[Any] | ImageError,
         headings: NDArray[np.float64] | None,
         expected: Expected | None,
-        way_m: float,
     ) -> tuple[VoteField, Finding]:
         """Vote field of an image, and what is wrong with it; one that cannot be used gives a field that is silent."""
         try:
@@ -276,12 +276,16 @@ class Localizer(SavedState, TakesMessages):
             asked = np.zeros(1) if headings is None else headings
             votes = silent_field(asked, self._observation.places, str(error), full_circle=headings is None)
             reason = Reason.IMAGE_FROZEN if isinstance(error, FrozenCameraError) else Reason.IMAGE_UNUSABLE
+        return votes, Finding() if votes.informative else Finding(votes.problem, reason)
+
+    def _look_back(self, votes: VoteField, found: Finding, way_m: float) -> None:
+        """What an image has come to: taken into the belief, after so many metres, or left out."""
         if votes.informative:
-            self._sightings.counted(way_m)
-            return votes, Finding()
-        self.images_skipped += 1
-        self._sightings.left_out(reason)
-        return votes, Finding(votes.problem, reason)
+            belief = self._filter.state()
+            self._sightings.counted(way_m, belief.backing, belief.vouches)
+        else:
+            self.images_skipped += 1
+            self._sightings.left_out(found.reason)
 
     def _hurry(self, timestamp: float, votes: VoteField, motion: Motion | None) -> Finding:
         """Whether sure images say, where no odometry is known, that the robot drives faster than is believed."""

@@ -13,9 +13,9 @@ class Reason(StrEnum):
     masked or without texture. IMAGE_FROZEN: the same as before although odometry has moved on. FITS_NOWHERE: shows nothing of the
     map. STAMP_INVALID, STAMP_UNIT, STAMP_TWICE, STAMP_LATE, STAMP_AHEAD: an image was left out for its time stamp. CLOCK_JUMPED,
     CLOCK_SET_BACK, STREAM_LOOPED: time began anew. ODOMETRY_LEFT_OUT: some odometry could not be used. NOTHING_COUNTED: no image
-    has counted for too long. POSE_OUTDATED: odometry has left the pose of the last image that counted. MAP_CANNOT_TELL: the map
-    alone cannot tell this pose from others. FASTER_THAN_BELIEVED: without odometry, images put the robot farther on than it can
-    have driven.
+    has spoken for the pose for too long. POSE_OUTDATED: odometry has left the pose of the last image that was taken in.
+    MAP_CANNOT_TELL: the map alone cannot tell this pose from others. FASTER_THAN_BELIEVED: without odometry, images put the robot
+    farther on than it can have driven.
     """
 
     IMAGE_UNUSABLE = "image_unusable"

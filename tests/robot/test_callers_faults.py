@@ -8,6 +8,7 @@ import threading
 from datetime import UTC, datetime
 from decimal import Decimal
 from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from panoloc_mcl.robot.filters import Status
 from panoloc_mcl.robot.filters.particles.blocks import BLOCK, Blocks
 from panoloc_mcl.robot.localizer import Localizer
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
+from panoloc_mcl.robot.observation import ObservationModel
 from panoloc_mcl.robot.reasons import Reason
 from panoloc_mcl.robot.settings.localizer import LocalizerSettings
 from panoloc_mcl.robot.single_blas import one_blas_thread
@@ -40,6 +42,7 @@ def drive(small_room: Dataset):
         images=[read_image(file) for file in sequence.files],
         odometry=list(zip(sequence.odometry.times.tolist(), sequence.odometry.poses, strict=True)),
         start=tuple(sequence.groundtruth.poses[0]),
+        truth=sequence.groundtruth.at(sequence.times).tolist(),
     )
 
 
@@ -165,6 +168,39 @@ def test_sure_only_as_long_as_images_count(kind: str, mode: str, panorama_map: P
     after = localizer.add_image(drive.times[4] + 0.5, drive.images[4])
     assert after.status is not Status.STALE
     assert Reason.NOTHING_COUNTED not in after.reasons
+
+
+class Doubting:
+    """A model that knows little of this light: it gives what it sees hardly any confidence, but enough to be taken in."""
+
+    def __init__(self, model) -> None:
+        self._model = model
+
+    def __getattr__(self, name: str):
+        if name.startswith("__") or name == "observe_near":
+            raise AttributeError(name)
+        return getattr(self._model, name)
+
+    def observe(self, panorama, headings=None):
+        return self._model.observe(panorama, headings).judged(0.3, "")
+
+
+@pytest.mark.parametrize("elsewhere", [True, False])
+def test_doubtful_images_keep_a_pose_only_if_they_speak_for_it(elsewhere: bool, panorama_map: PanoramaMap, drive) -> None:
+    """Doubtful images of where the robot is confirm it, but those of a robot that was carried off no more than three times."""
+    localizer = started(panorama_map, drive)
+    localizer._observation = cast(ObservationModel, Doubting(localizer._observation))
+    for time, pose in drive.odometry:
+        if time > drive.times[3] + 0.2:
+            localizer.add_odometry(time, pose)
+    statuses = []
+    for number in range(4, len(drive.times)):
+        ahead = np.hypot(*(np.array(drive.truth) - drive.truth[number])[:, :2].T)
+        image = drive.images[int(np.argmax(ahead)) if elsewhere else number]
+        statuses.append(localizer.add_image(drive.times[number], image).status)
+    assert len(statuses) > 6
+    assert (Status.CONVERGED in statuses[3:]) != elsewhere
+    assert set(statuses) == {Status.CONVERGED} or elsewhere
 
 
 @pytest.mark.parametrize("mode", MODES)

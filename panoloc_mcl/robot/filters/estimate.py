@@ -22,8 +22,8 @@ class Status(StrEnum):
 
     SEARCHING: the belief is spread out. CONVERGED: one compact cluster holds nearly all of it. AMBIGUOUS: two or more clusters hold
     much of it. LOST: it had converged, but the images no longer fit, the last one says that the robot is likely elsewhere, or it
-    refutes the pose that the answer before was sure of. STALE: it was sure once, but no image has counted for as long as odometry can
-    be trusted, or odometry has led away from the pose of the last one that counted.
+    refutes the pose that the answer before was sure of. STALE: it was sure once, but no image has spoken for the pose for as long as
+    odometry can be trusted, or odometry has led away from the pose of the last one that was taken in.
     """
 
     SEARCHING = "searching"
@@ -94,6 +94,11 @@ class FilterState:
     elsewhere : float
         Probability, the image seen, that the robot is not where odometry led: near 0 when the image came as expected. NaN where the
         filter does not know.
+    backing : float
+        How many times better the last image is explained by where odometry led than by anywhere on the map; votes of an image that is
+        wrong about its pose do not count for it. NaN where the filter does not know.
+    vouches : bool
+        Whether the last image is sure enough of itself and says what is believed; true where images do not know how sure they are.
     """
 
     clusters: tuple[Cluster, ...]
@@ -106,6 +111,8 @@ class FilterState:
     effective_count: float
     resampled: bool
     elsewhere: float = math.nan
+    backing: float = math.nan
+    vouches: bool = True
 
     def of_point(self, offset: Float64) -> FilterState:
         """The belief about another point of the robot (see `Cluster.of_point`)."""

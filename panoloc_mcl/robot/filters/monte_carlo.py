@@ -101,6 +101,8 @@ class MonteCarloFilter:
         self._fresh = self._random.bit_generator.state
         self._shared: SharedError | None = None
         self._answer: FilterState | None = None
+        # What the last image told for the belief.
+        self._backing, self._vouches = math.nan, True
         self._set = ParticleSet(drawn_from(start, places, settings.particles, self._next_step()), settings.threads)
 
     @property
@@ -165,8 +167,9 @@ class MonteCarloFilter:
             image, seen = self._in_the_light_of_before(image, prior, offset)
             plan = self._plan(image, seen)
             if seen is not None and not seen.new and prior.clusters[0].mass > _ALONE:
-                explained = self._explained_without_news(image, prior, plan)
+                explained, luck = self._explained_without_news(image, prior, plan), 0.0
             else:
+                luck = image.by_luck(self.memory.match)
                 prior = prior if seen is None else self._widened(prior, seen, rng)
                 drawn = Drawn.of(plan, self._set, rng)
                 explained = weigh_predicted(self._set, image, prior, plan, fit)
@@ -174,6 +177,7 @@ class MonteCarloFilter:
                 self.memory.injected = len(drawn.where)
                 self._set.normalise()
             self._judge_posterior(fit, plan, explained)
+            self._backing = explained / (1.0 - plan.elsewhere) - luck
             self.memory.effective, self.memory.resampled = self._set.resample(self.settings, rng)
         self._remember(votes, offset)
 
@@ -282,8 +286,8 @@ class MonteCarloFilter:
         if votes.informative:
             memory.place_votes = float(votes.read(clusters[0].pose[None])[0])
             memory.seen, memory.way = tuple(votes.best_pose.tolist()), 0.0
-            vouches = vouches_for(clusters[0], votes, offset is not None, self.status_settings)
-            memory.vouched = vouches or (before and (memory.sure or not memory.known))
+            self._vouches = vouches_for(clusters[0], votes, offset is not None, self.status_settings)
+            memory.vouched = self._vouches or (before and (memory.sure or not memory.known))
         self._answer = self._judged(clusters)
         memory.sure = self._answer.status is Status.CONVERGED
         if votes.informative and not memory.sure:
@@ -311,6 +315,8 @@ class MonteCarloFilter:
             effective_count=memory.effective,
             resampled=memory.resampled,
             elsewhere=memory.elsewhere,
+            backing=self._backing,
+            vouches=self._vouches,
         )
 
     def particles(self) -> tuple[Float64, Float64]:
@@ -322,7 +328,7 @@ class MonteCarloFilter:
         arrays = self._set.arrays()
         if self._shared is not None:
             arrays["shared"] = self._shared.arrays()
-        return arrays, self.memory.header(_FORM)
+        return arrays, {**self.memory.header(_FORM), "backing": self._backing, "vouches": self._vouches}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) -> None:
         """Take over what `snapshot` gave, of this version or of one before.
@@ -336,4 +342,6 @@ class MonteCarloFilter:
         kept = (ParticleSet.of_the_form_before if form in _FORMS_BEFORE else ParticleSet.of_arrays)(arrays, self._set)
         memory = Memory.of_header(header, form if form in _FORMS_BEFORE else _FORM)
         shared = SharedError.of_arrays(arrays["shared"]) if "shared" in arrays else None
+        # Older versions did not keep them.
+        self._backing, self._vouches = float(header.get("backing", math.nan)), bool(header.get("vouches", True))
         self._set, self.memory, self._shared, self._answer = kept, memory, shared, None

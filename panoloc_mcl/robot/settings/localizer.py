@@ -241,10 +241,16 @@ class StatusSettings(StrictModel):
         description="… or an image says with at least this probability that the robot is elsewhere, or refutes the pose that the last "
         "answer was sure of.",
     )
+    counted_odds: Annotated[float, Field(ge=1.0, le=1e9)] = Field(
+        100.0,
+        description="An image counts if it is sure of itself and says what is believed, or if it, with doubtful ones before it, is so "
+        "many times better explained by this pose than by any other: of robots that were carried off, one in so many is taken to be "
+        "here by luck.",
+    )
     stale_images: Annotated[int, Field(ge=1)] = Field(
-        5,
+        4,
         description="Stale: after having been converged, so many images in a row did not count, whatever the reason, or odometry has "
-        "led farther from the last one that did than a belief that is sure may be wide.",
+        "led farther from the last one that was taken in than a belief that is sure may be wide.",
     )
 
 

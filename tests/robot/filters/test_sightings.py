@@ -70,6 +70,77 @@ def test_a_belief_that_only_grew_wide_is_stale(status):
     assert sightings.judge(status, None)[0] is status
 
 
+def sure() -> Sightings:
+    """Of a belief that an image has just stood behind."""
+    sightings = Sightings(LIMITS)
+    sightings.counted()
+    assert sightings.judge(Status.CONVERGED, None)[0] is Status.CONVERGED
+    return sightings
+
+
+def test_images_that_do_not_speak_for_the_pose_are_no_evidence_for_it():
+    """However narrow the belief is, it is not sure for more than three images in a row that could be of anywhere."""
+    sightings, statuses = sure(), []
+    # By luck, one is a little better explained here, as among many images of elsewhere some are.
+    for backing in (0.3, 2.5, 0.7, 1.2, 0.6):
+        sightings.counted(0.3, backing, vouches=False)
+        statuses.append(sightings.judge(Status.CONVERGED, None))
+    assert [status for status, _ in statuses] == [Status.CONVERGED] * 3 + [Status.STALE] * 2
+    assert statuses[-1][1].reason is Reason.NOTHING_COUNTED
+    # What the filter knows by itself is as it was.
+    assert sightings.judge(Status.LOST, None)[0] is Status.LOST
+
+
+@pytest.mark.parametrize("what", [{"backing": 1e3, "vouches": False}, {"backing": 0.1, "vouches": True}, {}])
+def test_an_image_that_speaks_for_the_pose_counts(what):
+    sightings = sure()
+    for _ in range(4):
+        for _ in range(3):
+            sightings.counted(0.3, 0.5, vouches=False)
+            assert sightings.judge(Status.CONVERGED, None)[0] is Status.CONVERGED
+        sightings.counted(0.3, **what)
+        assert sightings.judge(Status.CONVERGED, None)[0] is Status.CONVERGED
+
+
+def test_after_too_long_only_an_image_that_is_sure_of_itself_counts():
+    sightings = sure()
+    for _ in range(LIMITS.stale_images):
+        sightings.left_out(Reason.FITS_NOWHERE)
+    sightings.counted(0.3, 1e6, vouches=False)
+    assert sightings.judge(Status.CONVERGED, None)[0] is Status.STALE
+    sightings.counted(0.3, 1e6, vouches=True)
+    assert sightings.judge(Status.CONVERGED, None)[0] is Status.CONVERGED
+
+
+def test_doubtful_images_speak_for_the_pose_together():
+    sightings = sure()
+    for _ in range(40):
+        sightings.counted(0.3, 4.0, vouches=False)
+        assert sightings.judge(Status.CONVERGED, None)[0] is Status.CONVERGED
+
+
+def test_images_without_a_pose_and_those_left_out_are_one_row():
+    sightings = sure()
+    sightings.left_out(Reason.FITS_NOWHERE)
+    sightings.left_out(Reason.FITS_NOWHERE)
+    sightings.counted(0.3, 2.0, vouches=False)
+    assert sightings.judge(Status.CONVERGED, None)[0] is Status.CONVERGED
+    sightings.left_out(Reason.STAMP_TWICE)
+    assert sightings.judge(Status.CONVERGED, None)[0] is Status.STALE
+
+
+def test_luck_seldom_looks_like_evidence():
+    """Where a robot was carried off, likelihoods are 1 on the mean: stale in all but one case in a hundred, and it stays so."""
+    rng, sure_again = np.random.default_rng(0), 0
+    for _ in range(400):
+        sightings, answers = sure(), []
+        for backing in rng.lognormal(-0.5, 1.0, 30):
+            sightings.counted(0.3, float(backing), vouches=False)
+            answers.append(sightings.judge(Status.CONVERGED, None)[0])
+        sure_again += Status.CONVERGED in answers[3:]
+    assert sure_again <= 400 / LIMITS.counted_odds
+
+
 def test_odometry_leads_away():
     sightings = Sightings(LIMITS)
     sightings.counted()
@@ -81,6 +152,24 @@ def test_odometry_leads_away():
     assert status is Status.STALE
     assert why.reason is Reason.POSE_OUTDATED
     assert "loop" in why
+
+
+def test_it_remembers_what_did_not_speak_for_the_pose():
+    sightings, other = sure(), Sightings(LIMITS)
+    for _ in range(3):
+        sightings.counted(0.3, 0.5, vouches=False)
+    other.restore(json.loads(json.dumps(sightings.snapshot())))
+    for one in (sightings, other):
+        one.counted(0.3, 150.0, vouches=False)
+        assert one.judge(Status.CONVERGED, None)[0] is Status.STALE
+
+
+def test_it_goes_on_from_what_an_older_version_saved():
+    sightings = Sightings(LIMITS)
+    sightings.restore({"left_out": LIMITS.stale_images - 1, "last": "image_blank", "sure": True})
+    assert sightings.judge(Status.CONVERGED, None)[0] is Status.CONVERGED
+    sightings.left_out(Reason.IMAGE_BLANK)
+    assert sightings.judge(Status.CONVERGED, None)[0] is Status.STALE
 
 
 def test_it_goes_on_from_what_it_saved():

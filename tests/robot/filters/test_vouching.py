@@ -53,3 +53,29 @@ def test_a_sure_image_is_believed_at_once() -> None:
     belief = MonteCarloFilter(PLACES, Start(), MonteCarloSettings(particles=500), StatusSettings(), np.random.default_rng(0))
     belief.update(image_of(HERE, 0.95))
     assert belief.state().status is Status.CONVERGED
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_an_image_tells_how_far_it_speaks_for_the_belief(seed: int) -> None:
+    """A doubtful one of here speaks for it though it does not vouch; one of elsewhere does not, and if it is sure nothing does."""
+
+    def told(pose: np.ndarray, confidence: float):
+        belief = MonteCarloFilter(
+            PLACES, Start(), MonteCarloSettings(particles=500), StatusSettings(), np.random.default_rng(seed)
+        )
+        for _ in range(3):
+            belief.propagate(moved(0.3, 0.0, 0.0))
+            belief.update(image_of(HERE, 0.97))
+        belief.propagate(moved(0.1, 0.0, 0.0))
+        belief.update(image_of(pose, confidence))
+        return belief.state()
+
+    ahead = HERE + 0.02 * np.array([np.cos(HERE[2]), np.sin(HERE[2]), 0.0])
+    assert told(ahead, 0.97).vouches
+    doubtful = told(ahead, 0.3)
+    assert not doubtful.vouches
+    assert doubtful.backing > 100.0
+    astray = told(THERE, 0.3)
+    assert not astray.vouches
+    assert astray.backing < 1.0
+    assert told(THERE, 0.6).backing < astray.backing

@@ -114,6 +114,13 @@ class Likelihood:
             return self.doubt / self.mean, 0.0
         return (1.0 - self.doubt) / self.mean, self.doubt
 
+    def by_luck(self, fit: float) -> float:
+        """What poses of so good a fit by the votes, on the mean, get beyond the map's mean in case that the measured pose is wrong.
+
+        Votes of an image that is wrong about its pose may speak against a belief; if they speak for it, that is luck.
+        """
+        return 0.0 if self.measured is None else max(self.doubt * (fit / self.mean - 1.0), 0.0)
+
     def at_measured(self, poses: Float64, prior: Prior) -> tuple[Float64, Float64]:
         """What the measured pose says at poses (n, 3), and what was expected, both relative to their mean over the map."""
         assert self.measured is not None
