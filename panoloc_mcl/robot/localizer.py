@@ -278,15 +278,6 @@ class Localizer(SavedState, TakesMessages):
             reason = Reason.IMAGE_FROZEN if isinstance(error, FrozenCameraError) else Reason.IMAGE_UNUSABLE
         return votes, Finding() if votes.informative else Finding(votes.problem, reason)
 
-    def _look_back(self, votes: VoteField, found: Finding, way_m: float) -> None:
-        """What an image has come to: taken into the belief, after so many metres, or left out."""
-        if votes.informative:
-            belief = self._filter.state()
-            self._sightings.counted(way_m, belief.backing, belief.vouches)
-        else:
-            self.images_skipped += 1
-            self._sightings.left_out(found.reason)
-
     def _hurry(self, timestamp: float, votes: VoteField, motion: Motion | None) -> Finding:
         """Whether sure images say, where no odometry is known, that the robot drives faster than is believed."""
         measured = votes.measurement

@@ -9,7 +9,8 @@ from panoloc_mcl.robot.locks import Lock
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.motion import Anchor, ImageClock, OdometryBuffer
 from panoloc_mcl.robot.motion.pace import Pace
-from panoloc_mcl.robot.observation import ObservationModel
+from panoloc_mcl.robot.observation import ObservationModel, VoteField
+from panoloc_mcl.robot.reasons import Finding
 from panoloc_mcl.robot.settings.config import LocalizerConfig
 from panoloc_mcl.robot.settings.localizer import LocalizerSettings
 
@@ -52,3 +53,12 @@ class Parts:
         """Of a belief that begins; where its position is given, the map need not tell it."""
         given = start is not None and start.position is not None
         return Sightings(self.settings.status, 0.0 if given else telling_way(self._map.references.positions))
+
+    def _look_back(self, votes: VoteField, found: Finding, way_m: float) -> None:
+        """What an image has come to: taken into the belief, after so many metres, or left out."""
+        if votes.informative:
+            belief = self._filter.state()
+            self._sightings.counted(way_m, belief.backing, belief.vouches)
+        else:
+            self.images_skipped += 1
+            self._sightings.left_out(found.reason)
