@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from panoloc_mcl.laboratory.layouts.bags import ODOMETRY, Messages, entries, nanoseconds, save_mcap, save_ros1
+from panoloc_mcl.laboratory.layouts.bags import Messages, entries, nanoseconds, save_mcap, save_ros1
 from panoloc_mcl.laboratory.reports import Number, Report
 from panoloc_mcl.laboratory.timing import in_a_process, memory_mb
 from panoloc_mcl.robot.images import read_image
@@ -25,6 +25,7 @@ from panoloc_mcl.tools.config import config_from_mapping
 from panoloc_mcl.tools.datasets import Sequence as Drive
 from panoloc_mcl.tools.datasets import read_dataset, resolve_dataset
 from panoloc_mcl.tools.datasets.recordings import sequence_of
+from panoloc_mcl.tools.datasets.recordings.ros.messages import ODOMETRY
 from panoloc_mcl.tools.live import Answer, Engine
 from panoloc_mcl.tools.live.inputs import paced
 from panoloc_mcl.tools.runs.map_cache import cached_map

@@ -15,12 +15,10 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.robot.images import ImageSource, read_image
 from panoloc_mcl.tools.datasets import Sequence, Trajectory
+from panoloc_mcl.tools.datasets.recordings.ros.messages import COMPRESSED, IMAGE, ODOMETRY, POSE, TF
 
 #: Time in nanoseconds, topic, type, message.
 Entry = tuple[int, str, str, Any]
-
-IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
-ODOMETRY, POSE, TF = "nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped", "tf2_msgs/msg/TFMessage"
 
 
 def nanoseconds(seconds: float) -> int:

@@ -18,12 +18,13 @@ import numpy as np
 from panoloc_mcl.robot.errors import ImageError, OutputError
 from panoloc_mcl.robot.interface.answers import TimedPose
 from panoloc_mcl.robot.interface.messages import Image, Message, Odometry
+from panoloc_mcl.tools.datasets.recordings.ros.messages import COMPRESSED, ODOMETRY, POSE_COVARIANCE
 from panoloc_mcl.tools.live.engine import Answer
 
 _TOPICS = {
-    "/image/compressed": "sensor_msgs/msg/CompressedImage",
-    "/odom": "nav_msgs/msg/Odometry",
-    "/panoloc/pose": "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "/image/compressed": COMPRESSED,
+    "/odom": ODOMETRY,
+    "/panoloc/pose": POSE_COVARIANCE,
 }
 
 
@@ -73,7 +74,7 @@ class McapRecorder:
             speed = t["geometry_msgs/msg/Twist"](
                 linear=self._vector(velocity[0], velocity[1], 0.0), angular=self._vector(0.0, 0.0, velocity[2])
             )
-            made = t["nav_msgs/msg/Odometry"](
+            made = t[ODOMETRY](
                 header=self._header(message.timestamp, message.frame),
                 child_frame_id="base_link",
                 pose=t["geometry_msgs/msg/PoseWithCovariance"](pose=self._pose(message.pose), covariance=pose),
@@ -86,7 +87,7 @@ class McapRecorder:
                 return
             data = np.frombuffer(cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes(), dtype=np.uint8)
             header = self._header(message.timestamp, message.frame)
-            made = t["sensor_msgs/msg/CompressedImage"](header=header, format="png", data=data)
+            made = t[COMPRESSED](header=header, format="png", data=data)
             self._write("/image/compressed", message.timestamp, made)
 
     def answered(self, answer: Answer) -> None:
@@ -94,9 +95,7 @@ class McapRecorder:
         t, estimate = self._store.types, answer.estimate
         inner = t["geometry_msgs/msg/PoseWithCovariance"](pose=self._pose(estimate.pose), covariance=_six(estimate.covariance))
         header = self._header(answer.image.timestamp, "map")
-        self._write(
-            "/panoloc/pose", answer.image.timestamp, t["geometry_msgs/msg/PoseWithCovarianceStamped"](header=header, pose=inner)
-        )
+        self._write("/panoloc/pose", answer.image.timestamp, t[POSE_COVARIANCE](header=header, pose=inner))
 
     def moved(self, robot: TimedPose, odometry: TimedPose) -> None:
         """It can be computed from the others."""

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from panoloc_mcl.laboratory.layouts.bags import TF, Messages, save_ros1, save_ros2
+from panoloc_mcl.laboratory.layouts.bags import Messages, save_ros1, save_ros2
 from panoloc_mcl.robot.camera.directions import pixels_of
 from panoloc_mcl.robot.errors import DatasetError
 from panoloc_mcl.robot.images import read_image
 from panoloc_mcl.tools.config.recording import RecordingSettings
 from panoloc_mcl.tools.datasets import Dataset
 from panoloc_mcl.tools.datasets.recordings import dataset_of_recordings, sequence_of
+from panoloc_mcl.tools.datasets.recordings.ros.messages import CAMERA_INFO, COMPRESSED, IMAGE, TF
 
-IMAGE, INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
 S = 10**9
 
 
@@ -25,7 +25,7 @@ def info_of(ros: Messages, model: str = "equidistant", frame: str = "camera_opti
     small = {name.lower(): value for name, value in big.items()}
     roi = ros.make("sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
     return ros.make(
-        INFO, header=ros.header(S, frame), height=200, width=202, distortion_model=model,
+        CAMERA_INFO, header=ros.header(S, frame), height=200, width=202, distortion_model=model,
         **(big if ros.ros1 else small), binning_x=0, binning_y=0, roi=roi,
     )  # fmt: skip
 
@@ -49,7 +49,7 @@ def picture(frame: str = "camera_optical_frame", stamp: int = S):
 
 @pytest.mark.parametrize("ros1", [False, True])
 def test_camera_info_of_a_fisheye_is_taken(ros1: bool, tmp_path: Path) -> None:
-    found = sequence_of(bag(tmp_path / "bag", ros1, ("/omni/camera_info", INFO, info_of), picture()))
+    found = sequence_of(bag(tmp_path / "bag", ros1, ("/omni/camera_info", CAMERA_INFO, info_of), picture()))
     assert found.camera.kind == "omni"
     assert (found.camera.lens.fx, found.camera.lens.cy) == (90.0, 99.0)
     assert found.camera.size_px == (202, 200)
@@ -59,10 +59,10 @@ def test_camera_info_of_a_fisheye_is_taken(ros1: bool, tmp_path: Path) -> None:
 def test_of_compressed_images_it_stands_one_level_higher(tmp_path: Path) -> None:
     image = (
         "/omni/image/compressed",
-        "sensor_msgs/msg/CompressedImage",
+        COMPRESSED,
         lambda ros: ros.compressed(S, np.zeros((200, 202), np.uint8)),
     )
-    found = sequence_of(bag(tmp_path / "bag", False, ("/omni/camera_info", INFO, info_of), image))
+    found = sequence_of(bag(tmp_path / "bag", False, ("/omni/camera_info", CAMERA_INFO, info_of), image))
     assert found.camera.lens.k == pytest.approx((0.01, -0.002, 0.0003, 0.0))
 
 
@@ -80,7 +80,7 @@ def test_tf_says_where_the_axis_points(axes: np.ndarray, looks: str, tilt_deg: f
         tmp_path / "bag", False,
         ("/tf_static", TF, lambda ros: transform(ros, "base_link", "mast", (0.1, 0.0, 0.5))),
         ("/tf_static", TF, lambda ros: transform(ros, "mast", "camera_optical_frame", (0.05, -0.02, 0.1), axes)),
-        ("/omni/camera_info", INFO, info_of), picture(),
+        ("/omni/camera_info", CAMERA_INFO, info_of), picture(),
     )  # fmt: skip
     camera = sequence_of(path).camera
     assert camera.looks == looks
@@ -105,17 +105,19 @@ def test_a_camera_that_looks_sideways_makes_no_panorama(tmp_path: Path) -> None:
     path = bag(
         tmp_path / "bag", False,
         ("/tf_static", TF, lambda ros: transform(ros, "base_link", "camera_optical_frame", axes=ahead)),
-        ("/omni/camera_info", INFO, info_of), picture(),
+        ("/omni/camera_info", CAMERA_INFO, info_of), picture(),
     )  # fmt: skip
     with pytest.raises(DatasetError, match="its axis is not vertical"):
         sequence_of(path)
 
 
 def test_a_camera_that_somebody_describes_counts_more_and_the_map_s_less(small_room: Dataset, tmp_path: Path) -> None:
-    path = bag(tmp_path / "bag", False, ("/omni/camera_info", INFO, info_of), picture())
+    path = bag(tmp_path / "bag", False, ("/omni/camera_info", CAMERA_INFO, info_of), picture())
     assert sequence_of(path, camera=small_room.camera).camera == small_room.camera
     assert dataset_of_recordings(path, None, small_room.camera).camera.kind == "omni"
-    other = bag(tmp_path / "pinhole", False, ("/omni/camera_info", INFO, lambda ros: info_of(ros, "plumb_bob")), picture())
+    other = bag(
+        tmp_path / "pinhole", False, ("/omni/camera_info", CAMERA_INFO, lambda ros: info_of(ros, "plumb_bob")), picture()
+    )
     assert dataset_of_recordings(other, None, small_room.camera).camera == small_room.camera
 
 

@@ -8,49 +8,14 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable, Collection, Iterator
-from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 from panoloc_mcl.robot.errors import DatasetError
-from panoloc_mcl.tools.datasets.recordings.ros.messages import (
-    CAMERA_INFO,
-    COMPRESSED,
-    IMAGE,
-    ODOMETRY,
-    POSE,
-    POSE_COVARIANCE,
-    TF,
-)
+from panoloc_mcl.tools.datasets.recordings.ros.messages import read_through
 
 #: Topic, time that it was recorded at in nanoseconds, and the serialized message.
 Raw = tuple[str, int, bytes]
-
-
-_POSE = ("position.x", "position.y", "orientation.x", "orientation.y", "orientation.z", "orientation.w")
-_MOVED = (*(f"translation.{axis}" for axis in "xyz"), *(f"rotation.{axis}" for axis in "xyzw"))
-#: Fields of messages that are looked at.
-_FIELDS = {
-    IMAGE: ("header.stamp", "header.frame_id", "height", "width", "step", "encoding", "is_bigendian", "data"),
-    COMPRESSED: ("header.stamp", "header.frame_id", "format", "data"),
-    ODOMETRY: ("header.stamp", *(f"pose.pose.{field}" for field in _POSE)),
-    POSE: ("header.stamp", *(f"pose.{field}" for field in _POSE)),
-    POSE_COVARIANCE: ("header.stamp", *(f"pose.pose.{field}" for field in _POSE)),
-    TF: ("transforms",),
-    CAMERA_INFO: ("height", "width", "distortion_model"),
-}
-_OF_TRANSFORM = ("header.stamp", "header.frame_id", "child_frame_id", *(f"transform.{field}" for field in _MOVED))
-
-
-def _read_fields(message: Any, kind: str) -> None:
-    """Raises AttributeError where a message lacks a field."""
-    for field in _FIELDS.get(kind, ()):
-        attrgetter(field)(message)
-    for transform in message.transforms if kind == TF else ():
-        attrgetter(*_OF_TRANSFORM)(transform)
-    if kind == CAMERA_INFO:
-        for name in "dk":
-            attrgetter(name if hasattr(message, name) else name.upper())(message)
 
 
 class Bag:
@@ -152,7 +117,7 @@ class Bag:
         try:
             message = self._decode(raw, self.topics[topic])
             # A bag brings the definitions of its types with it; a damaged one gives messages without their fields.
-            _read_fields(message, self.topics[topic])
+            read_through(message, self.topics[topic])
             return message
         except Exception as error:
             raise ValueError(f"a message of {topic} is damaged ({type(error).__name__})") from error

@@ -10,6 +10,7 @@ import numpy as np
 from panoloc_mcl.robot.camera.mount import Mount, angles_deg
 from panoloc_mcl.robot.camera.spec import AnyCamera, camera_from_mapping
 from panoloc_mcl.robot.errors import CameraError
+from panoloc_mcl.tools.datasets.recordings.ros.messages import either
 from panoloc_mcl.tools.datasets.recordings.ros.transforms import Transforms, mount_of
 
 # Cosine of the tilt from the vertical up to which a fisheye makes panoramas.
@@ -35,7 +36,7 @@ def camera_of_info(message: Any, frame: str, tree: Transforms, base: str, where:
     """
     if message.distortion_model not in ("equidistant", "fisheye"):
         return None, ""
-    matrix, distortion = ([float(value) for value in _either(message, name)] for name in ("k", "d"))
+    matrix, distortion = ([float(value) for value in either(message, name)] for name in ("k", "d"))
     lens = {"kind": "kannala_brandt", "fx": matrix[0], "fy": matrix[4], "cx": matrix[2], "cy": matrix[5], "k": distortion}
     data: dict[str, Any] = {"kind": "omni", "lens": lens, "size_px": [int(message.width), int(message.height)]}
     placed, note = tree.placed(base, frame), ""
@@ -58,11 +59,6 @@ def camera_of_info(message: Any, frame: str, tree: Transforms, base: str, where:
         return camera_from_mapping(data, where), note
     except CameraError as error:
         return None, f"{'; '.join(error.faults)}; not used"
-
-
-def _either(message: Any, name: str) -> Any:
-    """A field that is written in capitals in ROS 1."""
-    return getattr(message, name) if hasattr(message, name) else getattr(message, name.upper())
 
 
 def _upright(looks: str, heading_angle_deg: float) -> Any:

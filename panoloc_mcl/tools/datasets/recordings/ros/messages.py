@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from operator import attrgetter
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -19,6 +20,13 @@ ODOMETRY, POSE, POSE_COVARIANCE = (
     "geometry_msgs/msg/PoseWithCovarianceStamped",
 )
 TF, CAMERA_INFO = "tf2_msgs/msg/TFMessage", "sensor_msgs/msg/CameraInfo"
+
+# What is looked at of messages that are not read at once.
+_FIELDS = {
+    IMAGE: ("header.frame_id", "height", "width", "step", "encoding", "is_bigendian", "data"),
+    COMPRESSED: ("header.frame_id", "format", "data"),
+    CAMERA_INFO: ("height", "width", "distortion_model"),
+}
 
 _CHANNELS = {
     "mono": 1,
@@ -130,3 +138,54 @@ def planar(position: Any, rotation: Any) -> tuple[float, ...] | None:
     if not all(math.isfinite(value) for value in floats) or not 0.5 < norm < 2.0:
         return None
     return floats
+
+
+def pose_of(message: Any) -> tuple[float, ...] | None:
+    """`planar` of an ``Odometry``, a ``PoseStamped`` or a ``PoseWithCovarianceStamped``."""
+    pose = message.pose.pose if hasattr(message.pose, "pose") else message.pose
+    return planar(pose.position, pose.orientation)
+
+
+class Transform(NamedTuple):
+    """Where a frame is in its parent: `planar` of it, the height in metres, and the stamp."""
+
+    child: str
+    parent: str
+    stamp_ns: int
+    pose: tuple[float, ...] | None
+    z_m: float
+
+
+def transforms_of(message: Any) -> list[Transform]:
+    """Those of a ``TFMessage``."""
+    return [
+        Transform(
+            one.child_frame_id.lstrip("/"),
+            one.header.frame_id.lstrip("/"),
+            stamp_ns(one),
+            planar(one.transform.translation, one.transform.rotation),
+            float(one.transform.translation.z),
+        )
+        for one in message.transforms
+    ]
+
+
+def either(message: Any, name: str) -> Any:
+    """A field of a ``CameraInfo`` that is written in capitals in ROS 1."""
+    return getattr(message, name) if hasattr(message, name) else getattr(message, name.upper())
+
+
+def read_through(message: Any, kind: str) -> None:
+    """Look at all that is read of a message; raises AttributeError where it lacks a field."""
+    if kind == TF:
+        transforms_of(message)
+    elif kind in (ODOMETRY, POSE, POSE_COVARIANCE):
+        stamp_ns(message)
+        pose_of(message)
+    elif kind in (IMAGE, COMPRESSED):
+        stamp_ns(message)
+    elif kind == CAMERA_INFO:
+        for name in "dk":
+            either(message, name)
+    for field in _FIELDS.get(kind, ()):
+        attrgetter(field)(message)

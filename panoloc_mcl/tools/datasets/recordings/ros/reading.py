@@ -21,7 +21,7 @@ from panoloc_mcl.tools.datasets.recordings.ros.messages import (
     POSE,
     POSE_COVARIANCE,
     TF,
-    planar,
+    pose_of,
     stamp_ns,
 )
 from panoloc_mcl.tools.datasets.recordings.ros.reels import paired, reel_of
@@ -116,8 +116,7 @@ class _Reading:
             self.frame = self.frame or message.header.frame_id
             self._count_image(topic, stamp, time)
             return
-        inner = message.pose.pose if hasattr(message.pose, "pose") else message.pose
-        (self.odometry if topic == self.odometry_topic else self.truth).add(stamp, planar(inner.position, inner.orientation))
+        (self.odometry if topic == self.odometry_topic else self.truth).add(stamp, pose_of(message))
 
     def _count_image(self, topic: str, stamp: int, time: int) -> None:
         if topic in self.image_topics:

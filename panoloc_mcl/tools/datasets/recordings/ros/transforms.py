@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from panoloc_mcl.robot.camera.mount import OPTICAL, Mount, angles_deg
 from panoloc_mcl.robot.geometry import compose
-from panoloc_mcl.tools.datasets.recordings.ros.messages import planar, stamp_ns
+from panoloc_mcl.tools.datasets.recordings.ros.messages import transforms_of
 from panoloc_mcl.tools.datasets.recordings.ros.tracks import Track
 from panoloc_mcl.tools.datasets.trajectory import Trajectory
 
@@ -29,14 +29,11 @@ class Transforms:
 
     def add(self, message: Any) -> None:
         """Take a ``TFMessage``."""
-        for transform in message.transforms:
-            child, parent = transform.child_frame_id.lstrip("/"), transform.header.frame_id.lstrip("/")
-            moved, turned = transform.transform.translation, transform.transform.rotation
-            pose = planar(moved, turned)
+        for child, parent, stamp, pose, z in transforms_of(message):
             if pose is not None:
                 self._parents[child] = parent
-                self._tracks[child].add(stamp_ns(transform), pose)
-                self._last[child] = np.array([moved.x, moved.y, moved.z]), Rotation.from_quat(pose[2:]).as_matrix()
+                self._tracks[child].add(stamp, pose)
+                self._last[child] = np.array([*pose[:2], z]), Rotation.from_quat(pose[2:]).as_matrix()
 
     def between(self, parent: str, child: str) -> Trajectory | None:
         """Poses of a frame in another, in the plane; None if they are not connected. A fixed one is a single pose."""
