@@ -7,13 +7,15 @@ import resource
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 
 class Spent(NamedTuple):
@@ -41,6 +43,18 @@ def interleaved(tasks: Mapping[str, Callable[[], object]], rounds: int, warm_up:
             if index >= warm_up:
                 spent[name].append((time.perf_counter() - clock, time.process_time() - processor))
     return {name: Spent(*np.array(times).T) for name, times in spent.items()}
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Within it OpenCV and the libraries below NumPy work on one thread: times are those of a processor, on any machine."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        with threadpool_limits(1):
+            yield
+    finally:
+        cv2.setNumThreads(before)
 
 
 def memory_mb(*, peak: bool = True) -> float:

@@ -171,16 +171,10 @@ def _live(args: argparse.Namespace) -> Report:
 
 
 def _on_one_thread(work: Callable[[argparse.Namespace], Report], args: argparse.Namespace) -> Report:
-    import cv2
-    from threadpoolctl import threadpool_limits
+    from panoloc_mcl.laboratory.timing import one_thread
 
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        with threadpool_limits(1):
-            return work(args)
-    finally:
-        cv2.setNumThreads(threads)
+    with one_thread():
+        return work(args)
 
 
 #: One line a benchmark: name, summary, options, work.

@@ -6,13 +6,12 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import cv2
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from panoloc_mcl.laboratory.comparison.runs import Answers, Failure, MapCost, Runs, pose_said
 from panoloc_mcl.laboratory.comparison.summaries.tables import Entry, Kind, Row
 from panoloc_mcl.laboratory.reports import Number, Rate, Report, Spread, Table
+from panoloc_mcl.laboratory.timing import one_thread
 from panoloc_mcl.robot.geometry import FloatArray, angle_difference
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.observation import ObservationModel
@@ -37,29 +36,24 @@ COLUMNS: dict[str, Kind] = {
 def look(drives: Sequence[Drive], panorama_map: PanoramaMap, model: ObservationModel, cost: MapCost) -> Runs:
     """What every image of some drives says by itself; time is that of the processor, on one thread, from pixels to pose."""
     records, answers = [], []
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        with threadpool_limits(1):
-            for number, drive in enumerate(drives):
-                unwrap = panorama_map.unwrapper(drive.camera, drive.image_size)
-                if not number:
-                    # What is imported, compiled or loaded at the first image belongs to none.
-                    model.observe(unwrap(read_image(drive.files[0])))
-                rows = []
-                for file in drive.files:
-                    image = read_image(file)
-                    begun = time.process_time()
-                    field = model.observe(unwrap(image))
-                    spent = time.process_time() - begun
-                    guess = np.full(3, np.nan) if field.guess is None else field.guess.pose
-                    poses = unwrap.camera.mounting.base_poses(np.array([pose_said(field), guess]))
-                    rows.append((poses[0], field.confidence, poses[1], spent))
-                *said, seconds = (np.array(part, dtype=np.float64) for part in zip(*rows, strict=True))
-                answers.append(Answers(*said))
-                records.append(_record(drive, answers[-1].poses, seconds))
-    finally:
-        cv2.setNumThreads(threads)
+    with one_thread():
+        for number, drive in enumerate(drives):
+            unwrap = panorama_map.unwrapper(drive.camera, drive.image_size)
+            if not number:
+                # What is imported, compiled or loaded at the first image belongs to none.
+                model.observe(unwrap(read_image(drive.files[0])))
+            rows = []
+            for file in drive.files:
+                image = read_image(file)
+                begun = time.process_time()
+                field = model.observe(unwrap(image))
+                spent = time.process_time() - begun
+                guess = np.full(3, np.nan) if field.guess is None else field.guess.pose
+                poses = unwrap.camera.mounting.base_poses(np.array([pose_said(field), guess]))
+                rows.append((poses[0], field.confidence, poses[1], spent))
+            *said, seconds = (np.array(part, dtype=np.float64) for part in zip(*rows, strict=True))
+            answers.append(Answers(*said))
+            records.append(_record(drive, answers[-1].poses, seconds))
     return Runs(tuple(records), panorama_map.references.positions, tuple(answers), cost)
 
 

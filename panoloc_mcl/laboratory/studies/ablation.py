@@ -7,15 +7,13 @@ from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from typing import Any
 
-import cv2
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from panoloc_mcl.laboratory.corruptions import Recipe, parse_recipe
 from panoloc_mcl.laboratory.corruptions.recipe import CLEAN
 from panoloc_mcl.laboratory.reports import Rate, Ratio, Report, Spread
 from panoloc_mcl.laboratory.studies.single_images import TIERS, Frame, Verdict, Viewer, counted, frames_of
-from panoloc_mcl.laboratory.timing import interleaved, template_matching
+from panoloc_mcl.laboratory.timing import interleaved, one_thread, template_matching
 from panoloc_mcl.robot.errors import ConfigError, PanolocError, did_you_mean
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.settings.config import ObservationSettings
@@ -166,17 +164,12 @@ def study(
     )
     rows: list[Row] = []
     report = Report(title)
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        with threadpool_limits(1):
-            for number, name in enumerate(models):
-                rows += measured(name, data, frames, recipes, seed, progress)
-                report = report_of(title, rows)
-                keep(report)
-                progress(number + 1, len(models), "models")
-    finally:
-        cv2.setNumThreads(threads)
+    with one_thread():
+        for number, name in enumerate(models):
+            rows += measured(name, data, frames, recipes, seed, progress)
+            report = report_of(title, rows)
+            keep(report)
+            progress(number + 1, len(models), "models")
     return report
 
 
