@@ -6,6 +6,7 @@ priors. References that no neighbour fits are looked for elsewhere, and placed a
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -43,6 +44,7 @@ _SUPPORTS, _BORNE_OUT = 0.5, 0.1
 # Relative poses that miss each other by more than this share of the way round a triangle cannot mend anything: walls and a floor do not
 # describe the place, or its images are too coarse. Rendered halls and offices close to .01, images of a wood to .3.
 _LEAST_CLOSURE = 0.1
+_NOT_CLOSED = "poses not mended: what images tell of relative poses here does not close round triangles"
 # Nothing moves any more: keyframes moved less than that since the round before.
 _STILL_M, _STILL_RAD = 0.003, np.radians(0.05)
 # An image that is found this near to its given pose was never lost.
@@ -151,8 +153,8 @@ class _Mending:
         for number in range(self.settings.rounds):
             before = self.poses.copy()
             solution, synthesizer, sufficient = self._round(near=number > 0)
-            if number == 0 and closure_error(self.edges) > _LEAST_CLOSURE:
-                return self._given("poses not mended: what images tell of relative poses here does not close round triangles")
+            if number == 0 and closure_error(self.edges) > self._most_closure():
+                return self._given(_NOT_CLOSED)
             lost = self._unsupported(solution)
             moved_anew = self._relocate(lost, synthesizer, sufficient)
             exact = self._is_exact(solution)
@@ -161,8 +163,20 @@ class _Mending:
                 break
             if number + 1 < self.settings.rounds:
                 self.panoramas = read_references(self.source.moved_to(self.poses))
+        if closure_error(self.edges) > _LEAST_CLOSURE:
+            return self._given(_NOT_CLOSED)
         self._judge_unfitting(lost, moved_anew)
         return self._result()
+
+    def _most_closure(self) -> float:
+        """By how much relative poses may miss each other in the first round, as a share of the way.
+
+        Depths are swept from the given poses, and are off as these are: what a survey says of its own error is granted, until poses
+        are mended.
+        """
+        said = self.sds[np.isfinite(self.sds[:, 0]), 0]
+        survey = math.sqrt(2.0) * float(np.median(said)) / usual_spacing(self.given[:, :2]) if len(said) else 0.0
+        return math.hypot(_LEAST_CLOSURE, survey)
 
     def _given(self, why: str) -> Mended:
         """Everything as it was."""

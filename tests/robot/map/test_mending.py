@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from panoloc_mcl.robot.geometry import between, compose, wrap_angle
+from panoloc_mcl.robot.map import mending
 from panoloc_mcl.robot.map.keyframes import Edges, Keyframes
 from panoloc_mcl.robot.map.mending import Mended, mend, robot_edges
 from panoloc_mcl.robot.map.pairs import PairMeasurements, neighbour_pairs
@@ -64,6 +65,35 @@ def test_disturbed_poses_are_mended(small_room: Dataset):
     assert np.median(after) < 0.4 * np.median(before)
     assert np.median(np.abs(wrap_angle(result.source.poses[:, 2] - truth[:, 2] - np.mean(given[:, 2])))) < np.radians(1.0)
     assert "corrected by the images" in result.notes[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("said_m", "closures", "is_mended"),
+    [
+        (None, (0.05, 0.05), True),
+        # Depths are swept from given poses: a survey that says how far it is off excuses triangles that miss by as much, at first.
+        (0.1, (0.14, 0.03), True),
+        (None, (0.14, 0.03), False),
+        (0.1, (0.14, 0.12), False),
+        (0.01, (0.14, 0.03), False),
+        (0.1, (0.5, 0.03), False),
+    ],
+)
+def test_what_a_survey_says_of_itself_excuses_triangles_in_the_first_round(
+    small_room: Dataset, monkeypatch: pytest.MonkeyPatch, said_m: float | None, closures: tuple[float, ...], is_mended: bool
+) -> None:
+    given = small_room.references.poses + np.random.default_rng(3).standard_normal(small_room.references.poses.shape) * [
+        0.08,
+        0.08,
+        0.03,
+    ]
+    found = iter(closures)
+    last = closures[-1]
+    monkeypatch.setattr(mending, "closure_error", lambda edges: next(found, last))
+    result = mended(small_room, given, sd_xy_m=said_m, sd_theta_deg=None if said_m is None else 2.0)
+    assert np.array_equal(result.source.poses, given) is not is_mended
+    assert any("does not close round triangles" in note for note in result.notes) is not is_mended
 
 
 @pytest.mark.slow
