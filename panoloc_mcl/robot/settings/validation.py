@@ -90,7 +90,11 @@ _UniqueKeyLoader.add_constructor("tag:yaml.org,2002:int", _whole_number)
 class _Dumper(yaml.SafeDumper):
     """Puts in quotes what the loader above would read as something else than text."""
 
-    yaml_implicit_resolvers = _UniqueKeyLoader.yaml_implicit_resolvers
+    yaml_implicit_resolvers = {  # noqa: RUF012 as PyYAML has it
+        **_UniqueKeyLoader.yaml_implicit_resolvers,
+        # A key that is called so is text, and no merge key.
+        "<": yaml.SafeLoader.yaml_implicit_resolvers["<"],
+    }
 
 
 def _check_size(text: str) -> None:

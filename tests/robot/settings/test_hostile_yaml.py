@@ -4,7 +4,7 @@ import time
 from contextlib import suppress
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from panoloc_mcl.robot.errors import ConfigError, PanolocError
@@ -73,6 +73,7 @@ def test_a_few_aliases_are_welcome():
 
 
 @given(st.dictionaries(_TEXT, st.one_of(st.integers(), st.floats(allow_nan=False), _TEXT, st.booleans(), st.none())))
+@example({"<<": None})
 @settings(max_examples=300, deadline=None)
 def test_what_is_written_reads_the_same(data):
     assert parse_yaml(dump_yaml(data), "f") == data
