@@ -169,11 +169,7 @@ class _Mending:
         return self._result()
 
     def _most_closure(self) -> float:
-        """By how much relative poses may miss each other in the first round, as a share of the way.
-
-        Depths are swept from the given poses, and are off as these are: what a survey says of its own error is granted, until poses
-        are mended.
-        """
+        """As `_LEAST_CLOSURE`, in the first round: depths are swept from given poses, whose error, as the survey has it, is granted."""
         said = self.sds[np.isfinite(self.sds[:, 0]), 0]
         survey = math.sqrt(2.0) * float(np.median(said)) / usual_spacing(self.given[:, :2]) if len(said) else 0.0
         return math.hypot(_LEAST_CLOSURE, survey)
