@@ -34,8 +34,13 @@ _SETTLED = 0.02
 _SMALL_M, _SMALL_RAD = 1e-6, 1e-7
 # Errors of measurements are not thought smaller or larger than so many times what they claim.
 _SCALES = (0.5, 5.0)
-# A measurement with this weight lies at the bound of what is usual; those above it are right, and count in full.
+# A measurement with this weight lies at the bound of what is usual; those above it are right.
 _AT_THE_BOUND = 0.25
+# What such a measurement is worth under this loss, against least squares: of normal errors of three unknowns, the inverse of the
+# variance of an estimate is E[w + 2/3 q w']^2 / E[q w^2 / 3] (Huber 1981, chapter 6); q is the squared residual, w its weight.
+_WORTH = 0.903
+# Given poses with more weight than this tell how far given poses are off; of normal errors so much of their variance is left by then.
+_BORNE_OUT, _LEFT = 0.3, 0.928
 # Measurements that bear out each other less than this say nothing of their errors.
 _PROBES, _LEAST_FREEDOM = 12, 0.1
 # Columns of the inverse that are solved for at once.
@@ -144,10 +149,10 @@ def solve(
         away[:, 2] = wrap_angle(away[:, 2])
         inverse = problem.covariances(state, edge_weights, prior_weights) if free.any() else np.zeros((len(poses), 3, 3))
         for column, axes in enumerate(([0, 1], [2])):
-            used = free[:, column] & (prior_weights > 0.3)
+            used = free[:, column] & (prior_weights > _BORNE_OUT)
             if used.any():
                 # Expectation maximisation: how far given poses are from the best ones, and how surely these are known.
-                squares = np.mean(away[used][:, axes] ** 2 + inverse[used][:, axes, axes], axis=1)
+                squares = np.mean(away[used][:, axes] ** 2 / _LEFT + inverse[used][:, axes, axes], axis=1)
                 new_sds[column] = max(float(np.sqrt(np.mean(squares))), least[column])
         change = max(abs(np.log(new_scale / scale)), float(np.abs(np.log(new_sds / sds)).max()))
         scale, sds, start = new_scale, new_sds, poses
@@ -241,7 +246,11 @@ class _Problem:
     def covariances(self, state: Float64, edge_weights: Float64, prior_weights: Float64) -> Float64:
         """Of every pose, float64 (n, 3, 3): the blocks on the diagonal of the inverse."""
         # The loss weighs right measurements, too, by how well they happen to fit; how much is known does not depend on that.
-        edge_weights, prior_weights = (np.where(w >= _AT_THE_BOUND, 1.0, w) for w in (edge_weights, prior_weights))
+        edge_weights, prior_weights = (np.where(w >= _AT_THE_BOUND, _WORTH, w) for w in (edge_weights, prior_weights))
+        # These are taken as they are.
+        edge_weights[self.edges.kinds == ODOMETRY] = 1.0
+        if not self.priors.robust:
+            prior_weights = np.ones(self.count)
         factor = _factor(self._normal(state, edge_weights, prior_weights)[0])
         blocks = np.empty((self.count, 3, 3))
         for first in range(0, 3 * self.count, _BLOCK):

@@ -1,12 +1,17 @@
 """The pose graph on graphs whose answer is known."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import sparse
+from scipy.integrate import quad
+from scipy.stats import chi2
 
 from panoloc_mcl.robot.geometry import angle_difference, between, compose
+from panoloc_mcl.robot.map import pose_graph
 from panoloc_mcl.robot.map.keyframes import LOOP, ODOMETRY, Edges
 from panoloc_mcl.robot.map.pose_graph import CommonErrors, Priors, solve
 
@@ -42,6 +47,36 @@ def test_errors_of_given_poses_and_of_measurements_are_estimated():
     assert found.prior_sds[0] == pytest.approx(0.05, rel=0.25)
     assert found.prior_sds[1] == pytest.approx(np.radians(2.0), rel=0.25)
     assert found.scale == pytest.approx(2.0, rel=0.2)
+
+
+def test_what_the_loss_costs_is_that_of_normal_errors() -> None:
+    def mean(of: Callable[[float], float], below: float = 200.0) -> float:
+        return float(quad(lambda q: of(q) * chi2.pdf(q, 3), 0.0, below)[0])
+
+    bound = pose_graph._USUAL
+    weight, slope = (lambda q: (bound / (bound + q)) ** 2), (lambda q: -2.0 * bound**2 / (bound + q) ** 3)
+    sensitivity = mean(lambda q: weight(q) + 2.0 / 3.0 * q * slope(q))
+    worth = sensitivity**2 / mean(lambda q: q * weight(q) ** 2 / 3.0)
+    assert worth == pytest.approx(pose_graph._WORTH, abs=1e-3)
+    last = bound * (pose_graph._BORNE_OUT**-0.5 - 1.0)
+    left = mean(lambda q: q / 3.0, last) / mean(lambda q: 1.0, last)
+    assert left == pytest.approx(pose_graph._LEFT, abs=1e-3)
+
+
+@pytest.mark.slow
+def test_the_frame_of_many_surveys_is_as_far_off_as_is_claimed() -> None:
+    """All poses share the error of the given ones together: one number a survey."""
+    rng = np.random.default_rng(7)
+    truth, noise = a_grid(rng, 7, 6), np.array([0.05, 0.05, np.radians(2.0)])
+    offs, claims, sds = [], [], []
+    for _ in range(60):
+        given = truth + rng.standard_normal(truth.shape) * noise
+        found = solve(given, measured(truth, rng), Priors(given, unknown(len(truth))))
+        offs.append(float(np.mean(angle_difference(found.poses[:, 2], truth[:, 2]))))
+        claims.append(float(np.mean(found.covariances[:, 2, 2])))
+        sds.append(found.prior_sds / noise[1:])
+    assert np.mean(sds, axis=0) == pytest.approx(1.0, abs=0.03)
+    assert np.sqrt(np.mean(claims)) == pytest.approx(np.sqrt(np.mean(np.square(offs))), rel=0.1)
 
 
 def test_exact_poses_are_found_to_be_exact():
