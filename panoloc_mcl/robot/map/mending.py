@@ -43,7 +43,7 @@ _LEAST_SD_M, _LEAST_SD_RAD = 0.003, np.radians(0.05)
 _SUPPORTS, _BORNE_OUT = 0.5, 0.1
 # Relative poses that miss each other by more than this share of the way round a triangle cannot mend anything: walls and a floor do not
 # describe the place, or its images are too coarse. Rendered halls and offices close to .01, images of a wood to .3.
-_LEAST_CLOSURE = 0.1
+_MOST_CLOSURE = 0.1
 _NOT_CLOSED = "poses not mended: what images tell of relative poses here does not close round triangles"
 # Nothing moves any more: keyframes moved less than that since the round before.
 _STILL_M, _STILL_RAD = 0.003, np.radians(0.05)
@@ -163,16 +163,16 @@ class _Mending:
                 break
             if number + 1 < self.settings.rounds:
                 self.panoramas = read_references(self.source.moved_to(self.poses))
-        if closure_error(self.edges) > _LEAST_CLOSURE:
+        if closure_error(self.edges) > _MOST_CLOSURE:
             return self._given(_NOT_CLOSED)
         self._judge_unfitting(lost, moved_anew)
         return self._result()
 
     def _most_closure(self) -> float:
-        """As `_LEAST_CLOSURE`, in the first round: depths are swept from given poses, whose error, as the survey has it, is granted."""
+        """As `_MOST_CLOSURE`, in the first round: depths are swept from given poses, whose error, as the survey has it, is granted."""
         said = self.sds[np.isfinite(self.sds[:, 0]), 0]
         survey = math.sqrt(2.0) * float(np.median(said)) / usual_spacing(self.given[:, :2]) if len(said) else 0.0
-        return math.hypot(_LEAST_CLOSURE, survey)
+        return math.hypot(_MOST_CLOSURE, survey)
 
     def _given(self, why: str) -> Mended:
         """Everything as it was."""

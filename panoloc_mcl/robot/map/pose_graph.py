@@ -40,7 +40,7 @@ _AT_THE_BOUND = 0.25
 # variance of an estimate is E[w + 2/3 q w']^2 / E[q w^2 / 3] (Huber 1981, chapter 6); q is the squared residual, w its weight.
 _WORTH = 0.903
 # Given poses with more weight than this tell how far given poses are off; of normal errors so much of their variance is left by then.
-_BORNE_OUT, _LEFT = 0.3, 0.928
+_COUNTED, _LEFT = 0.3, 0.928
 # Measurements that bear out each other less than this say nothing of their errors.
 _PROBES, _LEAST_FREEDOM = 12, 0.1
 # Columns of the inverse that are solved for at once.
@@ -149,7 +149,7 @@ def solve(
         away[:, 2] = wrap_angle(away[:, 2])
         inverse = problem.covariances(state, edge_weights, prior_weights) if free.any() else np.zeros((len(poses), 3, 3))
         for column, axes in enumerate(([0, 1], [2])):
-            used = free[:, column] & (prior_weights > _BORNE_OUT)
+            used = free[:, column] & (prior_weights > _COUNTED)
             if used.any():
                 # Expectation maximisation: how far given poses are from the best ones, and how surely these are known.
                 squares = np.mean(away[used][:, axes] ** 2 / _LEFT + inverse[used][:, axes, axes], axis=1)

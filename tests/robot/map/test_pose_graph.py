@@ -58,7 +58,7 @@ def test_what_the_loss_costs_is_that_of_normal_errors() -> None:
     sensitivity = mean(lambda q: weight(q) + 2.0 / 3.0 * q * slope(q))
     worth = sensitivity**2 / mean(lambda q: q * weight(q) ** 2 / 3.0)
     assert worth == pytest.approx(pose_graph._WORTH, abs=1e-3)
-    last = bound * (pose_graph._BORNE_OUT**-0.5 - 1.0)
+    last = bound * (pose_graph._COUNTED**-0.5 - 1.0)
     left = mean(lambda q: q / 3.0, last) / mean(lambda q: 1.0, last)
     assert left == pytest.approx(pose_graph._LEFT, abs=1e-3)
 

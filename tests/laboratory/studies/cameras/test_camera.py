@@ -31,7 +31,10 @@ def test_a_wrong_height_costs_accuracy_and_is_found(small_room, tmp_path, monkey
     monkeypatch.setattr(camera, "CAMERAS", ())
     monkeypatch.setenv("PANOLOC_CACHE_DIR", str(tmp_path / "cache"))
     kept: list[Any] = []
-    report = study(RunConfig(dataset=str(small_room.path), map={"mend": False}), folder=tmp_path, keep=kept.append)
+    # Odometry is held to as when the factors below were set: this is about the camera.
+    motion = {"slip_noise_from_translation": 0.0}
+    config = RunConfig(dataset=str(small_room.path), map={"mend": False}, localizer={"motion": motion})
+    report = study(config, folder=tmp_path, keep=kept.append)
     assert len(kept) == len(cases)
     tables = report.data()["tables"]
     rows = {row["case"]: row for row in tables[0]["rows"]}
@@ -39,10 +42,9 @@ def test_a_wrong_height_costs_accuracy_and_is_found(small_room, tmp_path, monkey
         [float(part) for part in rows[name][f"{when}: mm, median / p95"].split(" / ")]
         for name, when in (("as it is", "before"), ("height", "before"), ("height", "after"))
     )
-    # Of twelve images, the median is 2.9 to 3.0 times as large, as the filter's noise is drawn.
-    assert before[0] > 2.5 * right[0]
+    assert before[0] > 3.0 * right[0]
     assert before[1] > 3.0 * right[1]
-    assert before[0] > 3.0 * after[0]
+    assert after[0] < 0.5 * before[0]
     assert rows["height"]["images"] == rows["as it is"]["images"] == len(next(iter(small_room.sequences.values())))
     (height,) = (row for row in tables[-1]["rows"] if row["unknown"] == "height [m]")
     assert float(height["before"]) == pytest.approx(0.7)
