@@ -49,6 +49,7 @@ def contents(panorama_map: PanoramaMap) -> tuple[dict[str, Any], Tensors]:
         "seed": panorama_map.seed,
         "notes": list(panorama_map.notes),
         "found_body": panorama_map.found_body,
+        "found_tilt": panorama_map.found_tilt,
     }
     return header, tensors
 
@@ -87,6 +88,7 @@ def fields(header: dict[str, Any], tensors: Tensors, source: str) -> dict[str, A
         "keyframes": _keyframes(references, part(tensors, "keyframes"), header.get("keyframes")),
         "notes": tuple(str(note) for note in header.get("notes", ())),
         "found_body": bool(header.get("found_body", False)),
+        "found_tilt": bool(header.get("found_tilt", False)),
     }
 
 

@@ -21,6 +21,7 @@ from panoloc_mcl.robot.map.keyframes import Keyframes
 from panoloc_mcl.robot.map.map_contents import contents, fields
 from panoloc_mcl.robot.map.mending import Mended, mend
 from panoloc_mcl.robot.map.own_body import with_found_mask
+from panoloc_mcl.robot.map.own_tilt import with_found_tilt
 from panoloc_mcl.robot.observation import ObservationModel, Places, differences, model_named
 from panoloc_mcl.robot.observation.base import Arrays
 from panoloc_mcl.robot.observation.scale import references_at, resolution_of
@@ -59,6 +60,8 @@ class PanoramaMap:
         What the user should know of how the map turned out.
     found_body : bool
         Whether the camera's mask was found in the references, where nobody gave one.
+    found_tilt : bool
+        Whether pitch and roll of its mount were.
     """
 
     name: str
@@ -71,6 +74,7 @@ class PanoramaMap:
     keyframes: Keyframes
     notes: tuple[str, ...] = ()
     found_body: bool = False
+    found_tilt: bool = False
 
     def __post_init__(self) -> None:
         # Views made from references err by what these are off.
@@ -119,9 +123,12 @@ class PanoramaMap:
             source, turned = with_headings(source, observation.votes, settings, progress, threads)
             source, left_out = explained(source, observation.votes, as_compared, threads)
             mended = mend(source, observation.votes, settings, progress, unfinished)
-        mended = replace(mended, notes=(*body, *turned, *left_out, *mended.notes))
+            camera, tilt = _tilt(mended, observation, settings, progress)
+            if tilt:
+                mended = mend(replace(source, camera=camera), observation.votes, settings, progress, unfinished)
+        mended = replace(mended, notes=(*body, *turned, *left_out, *tilt, *mended.notes))
         built = cls.of_keyframes(dataset.name, mended, observation, seed, progress, unfinished)
-        return replace(built, found_body=bool(body))
+        return replace(built, found_body=bool(body), found_tilt=bool(tilt))
 
     @classmethod
     def of_drives(
@@ -152,9 +159,17 @@ class PanoramaMap:
         """
         observation = observation or ObservationSettings()
         with threadpool_limits(1, user_api="blas"):
-            mended = map_drives(drives, observation.votes, settings or MapSettings(), progress, unfinished)
+            settings = settings or MapSettings()
+            mended = map_drives(drives, observation.votes, settings, progress, unfinished)
+            camera, tilt = _tilt(mended, observation, settings, progress)
+            if tilt:
+                mount = {"mount": camera.mounting}
+                leaning = [replace(drive, camera=drive.camera.model_copy(update=mount)) for drive in drives]
+                mended = map_drives(leaning, observation.votes, settings, progress, unfinished)
+                mended = replace(mended, notes=(*tilt, *mended.notes))
         built = cls.of_keyframes(name, mended, observation, seed, progress, unfinished)
-        return replace(built, found_body=built.camera.mask is not None and drives[0].camera.mask is None)
+        found_body = built.camera.mask is not None and drives[0].camera.mask is None
+        return replace(built, found_body=found_body, found_tilt=bool(tilt))
 
     @classmethod
     def of_keyframes(
@@ -251,7 +266,7 @@ class PanoramaMap:
         return unwrapper
 
     def as_found(self, camera: Camera, image_size: tuple[int, int] | None = None) -> Camera:
-        """A camera with the mask that was found in the references, if it is the same camera and has none of its own.
+        """A camera with the mask and the tilt that were found in the references, if it is the same camera and has none of its own.
 
         Parameters
         ----------
@@ -259,11 +274,17 @@ class PanoramaMap:
         image_size : (int, int), optional
             Width and height of its images; as the references if left out.
         """
-        if not self.found_body or camera.mask is not None or (image_size or self.image_size) != self.image_size:
+        if (image_size or self.image_size) != self.image_size:
             return camera
-        masked = camera.model_copy(update={"mask": self.camera.mask})
+        found, mount = camera, self.camera.mounting
+        if self.found_body and camera.mask is None:
+            found = found.model_copy(update={"mask": self.camera.mask})
+        if self.found_tilt and camera.mounting.is_upright:
+            turned = camera.mounting.model_copy(update={"pitch_deg": mount.pitch_deg, "roll_deg": mount.roll_deg})
+            found = found.model_copy(update={"mount": turned})
         # Stamps do not change what it sees.
-        return masked if masked == self.camera.model_copy(update={"time_offset_s": camera.time_offset_s}) else camera
+        same = self.camera.model_copy(update={"time_offset_s": camera.time_offset_s, "mount": mount})
+        return found if found.model_copy(update={"mount": found.mounting}) == same else camera
 
     def save(self, path: str | Path) -> None:
         """Write the map, whole or not at all.
@@ -295,6 +316,16 @@ def _without_body(references: References) -> tuple[References, tuple[str, ...]]:
     """References whose camera has a mask, and a note of it, where the robot was found in their images."""
     camera, note = with_found_mask(references.camera, references.image_size, references.files, references.poses)
     return replace(references, camera=camera) if note else references, note
+
+
+def _tilt(
+    mended: Mended, observation: ObservationSettings, settings: MapSettings, progress: Progress
+) -> tuple[Camera, tuple[str, ...]]:
+    """The camera as it leans, and a note of it where that was not known."""
+    # Without relative poses, floor and walls do not describe the world, and images tell no lean.
+    if settings.find_tilt and len(mended.keyframes.edges):
+        return with_found_tilt(mended.source, observation.votes, progress)
+    return mended.source.camera, ()
 
 
 def _built(

@@ -37,6 +37,11 @@ class MapSettings(StrictModel):
         description="Whether the robot is looked for in the images that the map is made of, where their camera has no mask, and left "
         "out of them and of later images of that camera.",
     )
+    find_tilt: bool = Field(
+        True,
+        description="Whether it is found how the camera of the references leans, where `camera.mount` says nothing of pitch and roll. "
+        "Needs `map.mend`; later images of the same camera lean as much.",
+    )
     neighbours: Annotated[int, Field(ge=2, le=32)] = Field(6, description="Keyframes that each one is measured against.")
     rounds: Annotated[int, Field(ge=1, le=20)] = Field(
         4, description="Rounds of depths, relative poses and pose graph at most; they end when nothing moves."

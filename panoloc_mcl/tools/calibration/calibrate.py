@@ -13,12 +13,14 @@ from panoloc_mcl.robot.camera import AnyCamera, Mask
 from panoloc_mcl.robot.camera.body import FEWEST_IMAGES, MOST_IMAGES, FoundBody, find_body, grey_levels, ring_of
 from panoloc_mcl.robot.errors import DatasetError, ImageError
 from panoloc_mcl.robot.images import read_image
+from panoloc_mcl.robot.map.camera_search.adjustment import Adjustment, Estimated, Scene, search
+from panoloc_mcl.robot.map.camera_search.features import FINE_COLUMNS
+from panoloc_mcl.robot.map.camera_search.parameters import Parameter, changed
+from panoloc_mcl.robot.map.camera_search.references_scene import ReferencesScene
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.settings.observation import VotesSettings
-from panoloc_mcl.tools.calibration.adjustment import LAST_STEPS, MORE_STEPS, Adjustment, Estimated, Scene, adjust
 from panoloc_mcl.tools.calibration.drives_scene import DrivesScene, Track, Yardstick
-from panoloc_mcl.tools.calibration.features import FINE_COLUMNS
 from panoloc_mcl.tools.calibration.odometry import (
     LATE,
     OBSERVABLE_M,
@@ -28,8 +30,7 @@ from panoloc_mcl.tools.calibration.odometry import (
     place_camera,
     pooled,
 )
-from panoloc_mcl.tools.calibration.parameters import Parameter, changed, parameters_by_map, parameters_by_references, shown
-from panoloc_mcl.tools.calibration.references_scene import ReferencesScene
+from panoloc_mcl.tools.calibration.parameters import parameters_by_map, parameters_by_references, shown
 from panoloc_mcl.tools.datasets import Dataset
 from panoloc_mcl.tools.datasets import Sequence as Drive
 
@@ -198,10 +199,9 @@ def _search(
     progress: Progress,
 ) -> None:
     """From far with large pixels, then the rest with finer ones."""
-    rough = adjust(found.camera, parameters, coarse, progress)
-    begin = {one.parameter.name: one.value for one in rough.estimates}
+    rough = search(found.camera, parameters, coarse, progress)
     fine = last(rough.camera)
-    _take_over(found, adjust(found.camera, parameters, fine, progress, LAST_STEPS, begin, MORE_STEPS), fine)
+    _take_over(found, search(found.camera, parameters, fine, progress, rough), fine)
 
 
 def _take_over(found: Findings, adjustment: Adjustment, scene: Scene) -> None:

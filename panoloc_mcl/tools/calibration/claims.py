@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from panoloc_mcl.robot.errors import PanolocError
+from panoloc_mcl.robot.map.camera_search.adjustment import adjust
+from panoloc_mcl.robot.map.camera_search.references_scene import ReferencesScene
 from panoloc_mcl.robot.settings.observation import VotesSettings
-from panoloc_mcl.tools.calibration.adjustment import adjust
 from panoloc_mcl.tools.calibration.parameters import parameters_by_references, shown
-from panoloc_mcl.tools.calibration.references_scene import ReferencesScene
 from panoloc_mcl.tools.datasets import Dataset
 
 # A look, not a calibration: few references, few steps.

@@ -13,16 +13,8 @@ from panoloc_mcl.robot.camera import AnyCamera, Panorama, Unwrapper
 from panoloc_mcl.robot.errors import DatasetError, ImageError
 from panoloc_mcl.robot.geometry import between, compose
 from panoloc_mcl.robot.images import read_image
-from panoloc_mcl.robot.map.panorama_map import PanoramaMap
-from panoloc_mcl.robot.observation import ObservationModel
-from panoloc_mcl.robot.observation.votes import VotesModel
-from panoloc_mcl.robot.progress import Progress, no_progress
-from panoloc_mcl.robot.references import References, read_references
-from panoloc_mcl.robot.settings.observation import ObservationSettings, VotesSettings
-from panoloc_mcl.robot.single_blas import one_blas_thread
-from panoloc_mcl.robot.synthesis.views import ViewSynthesizer
-from panoloc_mcl.tools.calibration.blocks import Equations, agreeing, derivative, residual, without_pose
-from panoloc_mcl.tools.calibration.features import (
+from panoloc_mcl.robot.map.camera_search.blocks import Equations, agreeing, derivative, residual, without_pose
+from panoloc_mcl.robot.map.camera_search.features import (
     COARSE_COLUMNS,
     Features,
     Warp,
@@ -32,6 +24,14 @@ from panoloc_mcl.tools.calibration.features import (
     softened,
     unwrapped,
 )
+from panoloc_mcl.robot.map.panorama_map import PanoramaMap
+from panoloc_mcl.robot.observation import ObservationModel
+from panoloc_mcl.robot.observation.votes import VotesModel
+from panoloc_mcl.robot.progress import Progress, no_progress
+from panoloc_mcl.robot.references import References, read_references
+from panoloc_mcl.robot.settings.observation import ObservationSettings, VotesSettings
+from panoloc_mcl.robot.single_blas import one_blas_thread
+from panoloc_mcl.robot.synthesis.views import ViewSynthesizer
 from panoloc_mcl.tools.datasets import Sequence as Drive
 
 Float64 = NDArray[np.float64]

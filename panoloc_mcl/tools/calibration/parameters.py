@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from panoloc_mcl.robot.camera import (
@@ -13,46 +11,13 @@ from panoloc_mcl.robot.camera import (
     FisheyePairCamera,
     LensCamera,
     LinearProfile,
-    Mount,
     OmniCamera,
     PanoramaCamera,
     TableProfile,
 )
+from panoloc_mcl.robot.map.camera_search.parameters import Parameter, of_mount, of_tilt
 
 ELEVATION_SCALE = "elevation scale"
-#: From a camera and a value to the camera with that value.
-Change = Callable[[AnyCamera, float], AnyCamera]
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """One number.
-
-    Parameters
-    ----------
-    name : str
-        As the table says it.
-    unit : str
-        ``deg``, ``m``, ``px`` or nothing.
-    start : float
-        Value of the camera as it is described.
-    step : float
-        For derivatives: about half a pixel of the panorama.
-    largest : float
-        How far off it may be before it is looked for; with four times the standard deviation that the data leave, it is not observable.
-    accuracy : float
-        What the search errs by, however many images there are: views are interpolated, and no world is all floor and walls. As found
-        in rooms whose camera is known.
-    change : callable
-    """
-
-    name: str
-    unit: str
-    start: float
-    step: float
-    largest: float
-    accuracy: float
-    change: Change
 
 
 def parameters_by_references(camera: AnyCamera, *, placed: bool) -> list[Parameter]:
@@ -75,32 +40,17 @@ def parameters_by_references(camera: AnyCamera, *, placed: bool) -> list[Paramet
                 "height", "m", camera.height_m, 0.015 * camera.height_m, 0.3 * camera.height_m, 0.01 * camera.height_m, _height
             )
         )
-    found += _of_tilt(mount)
+    found += of_tilt(mount)
     if placed:
-        found.append(_of_mount("yaw", "deg", mount.yaw_deg, 1.0, 40.0, 0.03, "yaw_deg"))
-        found.append(_of_mount("forward", "m", mount.x_m, 0.01, 0.4, 0.001, "x_m"))
-        found.append(_of_mount("left", "m", mount.y_m, 0.01, 0.4, 0.001, "y_m"))
+        found.append(of_mount("yaw", "deg", mount.yaw_deg, 1.0, 40.0, 0.03, "yaw_deg"))
+        found.append(of_mount("forward", "m", mount.x_m, 0.01, 0.4, 0.001, "x_m"))
+        found.append(of_mount("left", "m", mount.y_m, 0.01, 0.4, 0.001, "y_m"))
     return found
 
 
 def parameters_by_map(camera: AnyCamera) -> list[Parameter]:
     """What may be estimated of another camera by a map: its optics and its tilt."""
-    return [*_of_optics(camera, shift_accuracy_deg=0.05), *_of_tilt(camera.mounting)]
-
-
-def _of_tilt(mount: Mount) -> list[Parameter]:
-    return [
-        _of_mount("pitch", "deg", mount.pitch_deg, 0.25, 8.0, 0.02, "pitch_deg"),
-        _of_mount("roll", "deg", mount.roll_deg, 0.25, 8.0, 0.02, "roll_deg"),
-    ]
-
-
-def changed(camera: AnyCamera, parameters: list[Parameter], values: Mapping[str, float]) -> AnyCamera:
-    """The camera with other values of some parameters."""
-    for parameter in parameters:
-        if parameter.name in values:
-            camera = parameter.change(camera, values[parameter.name])
-    return camera
+    return [*_of_optics(camera, shift_accuracy_deg=0.05), *of_tilt(camera.mounting)]
 
 
 def _of_optics(camera: AnyCamera, shift_accuracy_deg: float = 0.2) -> list[Parameter]:
@@ -129,13 +79,6 @@ def _of_optics(camera: AnyCamera, shift_accuracy_deg: float = 0.2) -> list[Param
 
 def _height(camera: AnyCamera, value: float) -> AnyCamera:
     return camera.model_copy(update={"height_m": value})
-
-
-def _of_mount(name: str, unit: str, start: float, step: float, largest: float, accuracy: float, key: str) -> Parameter:
-    def change(camera: AnyCamera, value: float) -> AnyCamera:
-        return camera.model_copy(update={"mount": camera.mounting.model_copy(update={key: value})})
-
-    return Parameter(name, unit, start, step, largest, accuracy, change)
 
 
 def _elevation_scale(camera: AnyCamera, value: float) -> AnyCamera:

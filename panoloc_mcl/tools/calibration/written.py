@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.robot.camera import AnyCamera, Unwrapper, geometry_of, to_mapping
 from panoloc_mcl.robot.files import write_atomically
+from panoloc_mcl.robot.map.camera_search.features import Warp
+from panoloc_mcl.robot.map.camera_search.references_scene import ReferencesScene
 from panoloc_mcl.robot.settings.validation import dump_yaml
 from panoloc_mcl.tools.calibration.calibrate import Findings
-from panoloc_mcl.tools.calibration.features import Warp
-from panoloc_mcl.tools.calibration.references_scene import ReferencesScene
 
 UInt8 = NDArray[np.uint8]
 

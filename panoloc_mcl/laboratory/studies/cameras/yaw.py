@@ -15,13 +15,13 @@ from panoloc_mcl.laboratory.reports import Number, Report
 from panoloc_mcl.robot.camera import PanoramaCamera
 from panoloc_mcl.robot.errors import DatasetError
 from panoloc_mcl.robot.images import read_image, write_image
+from panoloc_mcl.robot.map.camera_search.adjustment import adjust
+from panoloc_mcl.robot.map.camera_search.features import FINE_COLUMNS
+from panoloc_mcl.robot.map.camera_search.references_scene import ReferencesScene
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.references import References
 from panoloc_mcl.robot.settings.observation import VotesSettings
-from panoloc_mcl.tools.calibration.adjustment import adjust
-from panoloc_mcl.tools.calibration.features import FINE_COLUMNS
 from panoloc_mcl.tools.calibration.parameters import parameters_by_references
-from panoloc_mcl.tools.calibration.references_scene import ReferencesScene
 from panoloc_mcl.tools.datasets import read_dataset, resolve_dataset
 
 #: How the references are changed: whether mirrored, whether turned.

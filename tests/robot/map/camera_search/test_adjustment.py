@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from panoloc_mcl.robot.camera import PanoramaCamera
-from panoloc_mcl.tools.calibration.adjustment import LAST_STEPS, MORE_STEPS, Adjustment, Estimated, adjust
-from panoloc_mcl.tools.calibration.blocks import Equations
-from panoloc_mcl.tools.calibration.parameters import Parameter, parameters_by_references
+from panoloc_mcl.robot.map.camera_search.adjustment import LAST_STEPS, MORE_STEPS, Adjustment, Estimated, adjust
+from panoloc_mcl.robot.map.camera_search.blocks import Equations
+from panoloc_mcl.robot.map.camera_search.parameters import Parameter
+from panoloc_mcl.tools.calibration.parameters import parameters_by_references
 
 CAMERA = PanoramaCamera(elevation_deg=(-50.0, 25.0), height_m=0.6)
 

@@ -9,11 +9,11 @@ import pytest
 from oracles.rooms import BareRoom
 
 from panoloc_mcl.robot.camera import LinearProfile, Mount, OmniCamera, PanoramaCamera, PanoramaGeometry, PanoramaTarget
+from panoloc_mcl.robot.map.camera_search.adjustment import adjust
+from panoloc_mcl.robot.map.camera_search.references_scene import ReferencesScene
 from panoloc_mcl.robot.references import References
 from panoloc_mcl.robot.settings.observation import VotesSettings
-from panoloc_mcl.tools.calibration.adjustment import adjust
 from panoloc_mcl.tools.calibration.parameters import parameters_by_references
-from panoloc_mcl.tools.calibration.references_scene import ReferencesScene
 
 GEOMETRY = PanoramaGeometry(180, 72, -50.0, 25.0)
 TRUE = Mount(x_m=0.1, y_m=-0.05, yaw_deg=12.0)

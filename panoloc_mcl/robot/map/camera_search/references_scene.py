@@ -13,10 +13,8 @@ from panoloc_mcl.robot.camera import AnyCamera, Panorama
 from panoloc_mcl.robot.errors import DatasetError
 from panoloc_mcl.robot.geometry import between, compose
 from panoloc_mcl.robot.images import read_image
-from panoloc_mcl.robot.references import References
-from panoloc_mcl.robot.settings.observation import VotesSettings
-from panoloc_mcl.tools.calibration.blocks import Equations, agreeing, derivative, residual, without_walls
-from panoloc_mcl.tools.calibration.features import (
+from panoloc_mcl.robot.map.camera_search.blocks import Equations, agreeing, derivative, residual, without_walls
+from panoloc_mcl.robot.map.camera_search.features import (
     COARSE_COLUMNS,
     Features,
     Warp,
@@ -26,6 +24,8 @@ from panoloc_mcl.tools.calibration.features import (
     softened,
     unwrapped,
 )
+from panoloc_mcl.robot.references import References
+from panoloc_mcl.robot.settings.observation import VotesSettings
 
 Float64 = NDArray[np.float64]
 

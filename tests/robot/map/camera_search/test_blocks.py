@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from panoloc_mcl.tools.calibration.blocks import Residual, without_walls
+from panoloc_mcl.robot.map.camera_search.blocks import Residual, without_walls
 
 VIEWS, ROWS, COLUMNS, UNKNOWNS = 2, 12, 90, 3
 # Of the circle, at which walls bend.

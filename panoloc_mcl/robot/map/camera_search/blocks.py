@@ -12,7 +12,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.tools.calibration.features import Features, slopes_of
+from panoloc_mcl.robot.map.camera_search.features import Features, slopes_of
 
 Float64 = NDArray[np.float64]
 Complex64 = NDArray[np.complex64]

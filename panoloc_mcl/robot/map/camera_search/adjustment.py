@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from panoloc_mcl.robot.camera import AnyCamera
+from panoloc_mcl.robot.map.camera_search.blocks import Equations
+from panoloc_mcl.robot.map.camera_search.parameters import Parameter, changed
 from panoloc_mcl.robot.progress import Progress, no_progress
-from panoloc_mcl.tools.calibration.blocks import Equations
-from panoloc_mcl.tools.calibration.parameters import Parameter, changed
 
 Float64 = NDArray[np.float64]
 
@@ -119,6 +119,31 @@ class Adjustment:
             covariance = held @ covariance @ held.T
         sds = np.sqrt(np.maximum(np.diag(covariance) + search, 0.0))
         return tuple(Estimated(self.estimates[index].parameter, float(values[index]), float(sds[index])) for index in kept)
+
+
+def search(
+    camera: AnyCamera,
+    parameters: list[Parameter],
+    scene: Scene,
+    progress: Progress = no_progress,
+    rough: Adjustment | None = None,
+) -> Adjustment:
+    """From far away, with large pixels; or on from there, with finer ones, until it settles.
+
+    Parameters
+    ----------
+    camera : AnyCamera
+        As it is described.
+    parameters : list of Parameter
+    scene : Scene
+    progress : callable (done, total, what)
+    rough : Adjustment, optional
+        What a scene of large pixels told; then this one has finer ones.
+    """
+    if rough is None:
+        return adjust(camera, parameters, scene, progress)
+    begin = {one.parameter.name: one.value for one in rough.estimates}
+    return adjust(camera, parameters, scene, progress, LAST_STEPS, begin, MORE_STEPS)
 
 
 def adjust(
