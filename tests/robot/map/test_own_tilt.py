@@ -10,6 +10,7 @@ from oracles.rooms import BareRoom
 
 from panoloc_mcl.robot.camera import Mount, PanoramaCamera, PanoramaGeometry
 from panoloc_mcl.robot.localizer import Localizer
+from panoloc_mcl.robot.map.drives import Drive
 from panoloc_mcl.robot.map.held_out import pose_of
 from panoloc_mcl.robot.map.own_tilt import with_found_tilt
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
@@ -33,14 +34,18 @@ class Room:
 def room(folder: Path, tilt_deg: tuple[float, float], camera: PanoramaCamera = CAMERA, seed: int = 0) -> Room:
     """Twelve references at random headings, by a camera that leans (pitch, roll) on its mount."""
     rng = np.random.default_rng(seed)
-    world = BareRoom(finest_m=0.25, seed=seed)
     poses = np.array([(x, y, rng.uniform(-np.pi, np.pi)) for x in (0.0, 0.7, 1.4, 2.1) for y in (0.0, 0.6, 1.2)])
-    files = []
+    return Room(References(folder, pictures(folder, poses, tilt_deg, seed), poses, camera, (180, 72), "base"))
+
+
+def pictures(folder: Path, poses: np.ndarray, tilt_deg: tuple[float, float], seed: int = 0) -> tuple[Path, ...]:
+    """Files of what a camera that leans sees at poses."""
+    world, files = BareRoom(finest_m=0.25, seed=seed), []
     for index, pose in enumerate(poses):
         pixels = world.panorama(GEOMETRY, pose, np.radians(tilt_deg)).pixels.astype(np.uint8)
         files.append(folder / f"{index}.png")
         cv2.imwrite(str(files[-1]), pixels)
-    return Room(References(folder, tuple(files), poses, camera, (180, 72), "base"))
+    return tuple(files)
 
 
 @pytest.fixture(scope="module")
@@ -116,3 +121,17 @@ def test_where_poses_are_not_mended_nothing_is_looked_for(leaning: Room) -> None
     built = PanoramaMap.build(leaning, settings=MapSettings(mend=False))
     assert not built.found_tilt
     assert built.camera == CAMERA
+
+
+@pytest.mark.slow
+def test_a_map_of_a_drive_finds_it_too(tmp_path: Path) -> None:
+    around = np.linspace(0.0, 2.0 * np.pi, 25)
+    poses = np.column_stack([1.0 + 0.9 * np.cos(around), 0.7 + 0.6 * np.sin(around), around + np.pi / 2.0])
+    files = pictures(tmp_path, poses, LEANING)
+    drive = Drive("round", files, np.arange(25.0), poses, CAMERA, (180, 72))
+    built = PanoramaMap.of_drives("round", [drive])
+    assert built.found_tilt
+    mount = built.camera.mounting
+    assert (mount.pitch_deg, mount.roll_deg) == pytest.approx(LEANING, abs=0.25)
+    assert any("leans on its mount" in note for note in built.notes)
+    assert built.as_found(CAMERA).mounting == mount
