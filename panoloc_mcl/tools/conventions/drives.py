@@ -14,6 +14,7 @@ from panoloc_mcl.tools.conventions.readings import (
     AS_WRITTEN,
     CLOCKWISE,
     DEGREES,
+    STILL,
     SWAPPED,
     Fit,
     Reading,
@@ -39,6 +40,8 @@ _MOST_OFF = math.radians(20.0)
 _TURNS, _STILL = math.radians(3.0), math.radians(0.3)
 _READINGS = (
     AS_WRITTEN,
+    # Before degrees: what is turned by a few of them hardly turns, so degrees are only named if they tell more than no turns at all.
+    *STILL,
     DEGREES,
     CLOCKWISE,
     Reading(
@@ -117,7 +120,12 @@ def trajectory_fit(
         return None, None, False
     table = views.table(pairs, np.minimum(distances * scale, 50.0))
     if scale == 1.0:
-        fit = best_fit([(reading, reading.agreement(table, poses, pairs)) for reading in _READINGS])
+        # As turns went on: a rotation holds degrees without their whole turns of 2 pi, of which 12 degrees are two.
+        went_on = np.column_stack([poses[:, :2], np.interp(drive.times, trajectory.times, np.unwrap(trajectory.poses[:, 2]))])
+        scores = []
+        for reading in _READINGS:
+            scores.append((reading, reading.agreement(table, went_on if reading is DEGREES else poses, pairs)))
+        fit = best_fit(scores)
     else:
         units = [(Reading(unit, f"x and y fit as {unit}", "write metres"), factor) for factor, unit in _UNITS]
         scores = [(reading, views.along(pairs, moved, factor)) for reading, factor in units]
@@ -128,7 +136,7 @@ def trajectory_fit(
     if still and float(np.quantile(np.abs(turned), 0.75)) > _TURNS:
         return None, None, True
     offset = None
-    if fit is None or fit.reading.kind == "heading off":
+    if fit is None or fit.reading.kind in ("heading off", STILL[0].kind):
         offset = _clock_offset(drive, trajectory, pairs, turned, clear)
     return (None if offset is not None else fit), offset, False
 

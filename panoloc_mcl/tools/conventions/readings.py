@@ -39,6 +39,8 @@ class Reading:
         The camera looks so far to the left of what is written, radians.
     mirrored, flipped : bool
         Left and right, or up and down, of the images are changed over.
+    turns : bool
+        False: the camera never turns, whatever is written.
     """
 
     kind: str
@@ -48,6 +50,7 @@ class Reading:
     bearing: float = 0.0
     mirrored: bool = False
     flipped: bool = False
+    turns: bool = True
 
     def agreement(self, table: MotionTable, poses: Float64, pairs: Sequence[tuple[int, int]]) -> Float64:
         """Of each pair (pairs,) by this reading."""
@@ -55,13 +58,20 @@ class Reading:
         first, second = (np.array([pair[side] for pair in pairs]) for side in (0, 1))
         moved = between(read[first], read[second])
         bearings = np.arctan2(moved[:, 1], moved[:, 0]) - self.bearing
-        return table.at(bearings, moved[:, 2], mirrored=self.mirrored, flipped=self.flipped)
+        return table.at(bearings, moved[:, 2] * self.turns, mirrored=self.mirrored, flipped=self.flipped)
 
 
 AS_WRITTEN = Reading("as written", "", "")
 DEGREES = Reading(
     "degrees", "theta fits as degrees", "write radians", lambda p: np.column_stack([p[:, :2], np.radians(p[:, 2])])
 )
+_HARDLY = (
+    "still",
+    "its heading changes, though the images hardly turn",
+    "see whether headings were measured, whether they are in degrees, and whether one clock stamps poses and images",
+)
+# The camera goes where the heading has it, or always looks the same way.
+STILL = (Reading(*_HARDLY, turns=False), Reading(*_HARDLY, lambda p: p * [1.0, 1.0, 0.0]))
 CLOCKWISE = Reading(
     "clockwise",
     "theta fits as an angle that grows clockwise",

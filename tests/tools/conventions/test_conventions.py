@@ -14,6 +14,7 @@ import pytest
 from numpy.typing import NDArray
 from oracles import conventions as wrong
 
+from panoloc_mcl.robot.geometry import wrap_angle
 from panoloc_mcl.tools.cli.main import main
 from panoloc_mcl.tools.conventions import convention_findings, drive_findings, reference_findings, stamp_findings
 from panoloc_mcl.tools.conventions.references import height_findings, reference_fit
@@ -62,6 +63,32 @@ def test_drives_in_another_convention_are_named(kind, dataset, tmp_path):
     found = stamp_findings(changed) or drive_findings(changed)
     assert len(found) == 1
     assert word in found[0]
+
+
+@pytest.mark.parametrize("name", ["noon_00", "people_00"])
+def test_headings_that_nobody_measured_are_not_called_degrees(name):
+    # A few degrees are nearly no turn, and no turn fits better than wrong ones.
+    rng = np.random.default_rng(0)
+
+    def astray(poses):
+        return poses + np.column_stack([np.zeros((len(poses), 2)), np.cumsum(rng.normal(0.0, 0.3, len(poses)))])
+
+    (line,) = drive_findings(wrong.with_odometry(read_dataset(EMBEDDED["hall"]).sequences[name], astray))
+    assert "though the images hardly turn" in line
+
+
+@pytest.mark.slow
+def test_degrees_in_rotations_are_named(dataset):
+    # A file of quaternions keeps of 400 degrees what is left of so many radians.
+    named = [
+        line
+        for drive in list(dataset.sequences.values())[:3]
+        for line in drive_findings(
+            wrong.with_odometry(drive, lambda p: np.column_stack([p[:, :2], wrap_angle(wrong.degrees(p)[:, 2])]))
+        )
+    ]
+    assert named
+    assert all("degrees" in line for line in named)
 
 
 @pytest.mark.slow
