@@ -14,6 +14,9 @@ from panoloc_mcl.tools.datasets.reader import scan_dataset
 from panoloc_mcl.tools.datasets.trajectory import Trajectory, truth_at
 
 _SLACK_S = 1.0  # frames may lie this far outside a trajectory
+_SAME_PLACE_M = 1e-3
+# What a trajectory may have been written as instead of its TUM file.
+_TABLES = (".csv", ".txt", ".tum", ".tsv", ".dat")
 
 
 def check_dataset(path: str | Path) -> list[str]:
@@ -32,9 +35,9 @@ def check_dataset(path: str | Path) -> list[str]:
     scan = scan_dataset(Path(path))
     faults = list(scan.faults)
     if scan.references is not None:
-        faults += _undecodable(scan.references)
+        faults += _undecodable(scan.references) + _one_place(scan.references)
     for sequence in scan.sequences:
-        faults += _undecodable(sequence)
+        faults += _undecodable(sequence) + _unread(sequence)
         faults += _uncovered(sequence, sequence.odometry, "odometry.tum")
         # Frames without truth are welcome, they are not judged; truth without frames is of another clock.
         if sequence.groundtruth is not None and not np.isfinite(truth_at(sequence.groundtruth, sequence.times)).any():
@@ -49,6 +52,25 @@ def _undecodable(images: References | Sequence) -> list[str]:
             read_image(file)
         except ImageError as error:
             faults.extend(error.faults)
+    return faults
+
+
+def _one_place(references: References) -> list[str]:
+    places = references.poses[:, :2]
+    if len(places) < 2 or np.ptp(places, axis=0).max() > _SAME_PLACE_M:
+        return []
+    return [f"{references.path / 'poses.csv'}: all {len(places)} images have one place; write where each was taken"]
+
+
+def _unread(sequence: Sequence) -> list[str]:
+    """Trajectories that nobody reads, because they have another name."""
+    faults = []
+    for name, known in (("odometry", sequence.odometry), ("groundtruth", sequence.groundtruth)):
+        others = [
+            file for file in sorted(sequence.path.glob("*.*")) if file.stem.lower() == name and file.suffix.lower() in _TABLES
+        ]
+        if known is None and others:
+            faults.append(f"{others[0]}: is not read; write it as {name}.tum, lines of 'timestamp tx ty tz qx qy qz qw'")
     return faults
 
 

@@ -138,6 +138,9 @@ def write_image_table(path: Path, header: tuple[str, ...], rows: Iterable[tuple[
 
 def _header_faults(path: Path, header: list[str], needed: tuple[str, ...], optional: tuple[str, ...]) -> list[str]:
     where, known = f"{path}:1", ",".join((*needed, *optional))
+    for mark, called in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars"), (" ", "spaces")):
+        if len(header) == 1 and len(set(header[0].split(mark)) & {*needed, *optional}) > 1:
+            return [f"{where}: columns are separated by {called}; separate them by commas, and write decimals with a point"]
     faults = [f"{where}: column '{name}' is missing; the first line must name {known}" for name in needed if name not in header]
     faults += [f"{where}: unknown column '{name}'; known: {known}" for name in header if name not in (*needed, *optional)]
     faults += [f"{where}: column '{name}' is given twice; keep one" for name in sorted(set(header)) if header.count(name) > 1]

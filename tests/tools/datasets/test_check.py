@@ -33,3 +33,22 @@ def test_faults_beyond_a_broken_dataset_yaml_are_still_found(room: Path) -> None
     (room / "dataset.yaml").write_text("format: [")
     (room / SEQUENCE / "odometry.tum").write_text("")
     assert len(check_dataset(room)) == 2
+
+
+def test_a_trajectory_of_another_name_is_not_passed_over(room: Path) -> None:
+    path = room / SEQUENCE / "odometry.tum"
+    path.rename(path.with_name("Odometry.csv"))
+    (fault,) = check_dataset(room)
+    assert fault.startswith(f"{path.with_name('Odometry.csv')}: is not read; write it as odometry.tum")
+    path.with_name("Odometry.csv").rename(path)
+    path.with_name("odometry.csv").write_text("the same, for a spreadsheet")
+    assert check_dataset(room) == []
+
+
+def test_references_all_at_one_place_are_no_map(room: Path) -> None:
+    path = room / "references" / "poses.csv"
+    header, *rows = path.read_text().split()
+    again = [f"{row.split(',')[0]},2.0,1.0,{0.1 * number}" for number, row in enumerate(rows)]
+    path.write_text("\n".join([header, *again]))
+    (fault,) = check_dataset(room)
+    assert fault == f"{path}: all {len(rows)} images have one place; write where each was taken"

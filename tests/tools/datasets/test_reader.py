@@ -54,6 +54,12 @@ FAULTS: list[tuple[Callable[[Path], None], str, list[str]]] = [
     ),
     (replace("references/poses.csv", ",y", ""), "poses.csv:1", ["column 'y' is missing", "file,x,y,theta"]),
     (replace("references/poses.csv", "theta", "theta,z"), "poses.csv:1", ["unknown column 'z'"]),
+    (
+        written("references/poses.csv", "file;x;y;theta\nref_000.png;0,5;0;0\n"),
+        "poses.csv:1",
+        ["separated by semicolons", "commas"],
+    ),
+    (written("references/poses.csv", "file\tx\ty\ttheta\n"), "poses.csv:1", ["separated by tabs"]),
     (replace("references/poses.csv", "1.0,0.0,0.0", "nan,0.0,0.0"), "poses.csv:3", ["x = nan", "mend or drop"]),
     (replace("references/poses.csv", "1.0,0.0,0.0", "one,0.0,0.0"), "poses.csv:3", ["x = 'one' is not a number"]),
     (replace("references/poses.csv", "1.0,0.0,0.0", "1.0,0.0"), "poses.csv:3", ["3 values; must be 4"]),
