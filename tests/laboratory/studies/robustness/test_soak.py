@@ -1,6 +1,7 @@
 """The harness itself, and half a minute of what it does for hours."""
 
 import itertools
+import json
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
@@ -21,6 +22,7 @@ from panoloc_mcl.robot.localizer import Localizer
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.observation import VoteField
 from panoloc_mcl.robot.settings.observation import ObservationSettings
+from panoloc_mcl.tools.config import RunConfig
 from panoloc_mcl.tools.datasets import Dataset, read_image
 
 
@@ -32,7 +34,7 @@ def _cache(tmp_path_factory, monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", ["monte_carlo", "kalman_orientation"])
 def test_nothing_breaks_in_half_a_minute(mode, small_room: Dataset) -> None:
-    found = soak(small_room, mode, 300, seed=3)
+    found = soak(small_room, RunConfig(seed=3), mode, 300)
     assert found.raised.total() == 0
     assert found.broken.total() == 0
     assert found.updates == 300
@@ -41,7 +43,7 @@ def test_nothing_breaks_in_half_a_minute(mode, small_room: Dataset) -> None:
 
 @pytest.mark.slow
 def test_nothing_breaks_where_every_image_is_compared_anew(small_room: Dataset) -> None:
-    found = soak(small_room, "monte_carlo", 150, seed=5, anew=True)
+    found = soak(small_room, RunConfig(seed=5), "monte_carlo", 150, anew=True)
     assert found.raised.total() == 0
     assert found.broken.total() == 0
     assert found.updates == 150
@@ -49,10 +51,64 @@ def test_nothing_breaks_where_every_image_is_compared_anew(small_room: Dataset) 
 
 @pytest.mark.slow
 def test_it_stops_in_time_with_what_was_done(small_room: Dataset) -> None:
-    found = soak(small_room, "kalman_orientation", 10**9, seed=0, seconds=1.0)
+    found = soak(small_room, RunConfig(), "kalman_orientation", 10**9, seconds=1.0)
     assert 0 < found.updates < 10**6
     assert min(found.memory_mb) > 0.0
     assert found.seconds < 10.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["monte_carlo", "kalman_orientation"])
+def test_what_was_stopped_goes_on(mode, small_room: Dataset, tmp_path) -> None:
+    """In another process or in this one: the same world with the same faults, counts that add up, and nothing is done twice."""
+    config = RunConfig(seed=3)
+    whole = soak(small_room, config, mode, 120)
+    parts = [soak(small_room, config, mode, updates, kept=tmp_path) for updates in (50, 50, 120)]
+    assert [part.updates for part in parts] == [50, 50, 120]
+    assert parts[0].statuses == parts[1].statuses
+    assert parts[2].faults == whole.faults
+    assert parts[2].statuses.total() == whole.statuses.total()
+    assert parts[2].statuses == whole.statuses
+    assert parts[2].seconds > parts[0].seconds
+    # The state that the counts belong to, and no other.
+    assert len(list(tmp_path.iterdir())) == 2
+    # Another seed or setting is another soak.
+    assert soak(small_room, RunConfig(seed=4), mode, 20, kept=tmp_path).updates == 20
+    narrow = RunConfig.model_validate({"seed": 3, "localizer": {"status": {"converged_spread_deg": 5.0}}})
+    assert soak(small_room, narrow, mode, 20, kept=tmp_path).updates == 20
+
+
+@pytest.mark.slow
+def test_what_was_kept_and_is_damaged_begins_anew(small_room: Dataset, tmp_path) -> None:
+    soak(small_room, RunConfig(), "kalman_orientation", 30, kept=tmp_path)
+    (state,) = tmp_path.glob("*.npz")
+    state.write_bytes(state.read_bytes()[:100])
+    assert soak(small_room, RunConfig(), "kalman_orientation", 10, kept=tmp_path).updates == 10
+
+
+@pytest.mark.slow
+def test_settings_of_the_localizer_count(small_room: Dataset) -> None:
+    config = RunConfig.model_validate({"localizer": {"monte_carlo": {"particles": 50}}})
+    found = soak(small_room, config, "monte_carlo", 10)
+    assert found.broken.total() == 0
+    assert found.raised.total() == 0
+
+
+def test_a_world_that_is_taken_up_again_is_the_same(small_room: Dataset) -> None:
+    drives = list(small_room.sequences.values())
+    one, other = World(drives, np.random.default_rng(1)), World(drives, np.random.default_rng(2))
+    for _ in range(80):
+        list(one.step(blind()))
+    other.restore(json.loads(json.dumps(one.snapshot())))
+    for _ in range(80):
+        assert list(one.step(blind())) == list(other.step(blind()))
+        np.testing.assert_array_equal(one.pose, other.pose)
+        assert len(one._arriving) == len(other._arriving)
+        for (stamp, image), (same_stamp, same_image) in zip(one._arriving, other._arriving, strict=True):
+            np.testing.assert_equal(stamp, same_stamp)
+            assert image.tobytes() == same_image.tobytes()
+            if np.isfinite(stamp):
+                np.testing.assert_array_equal(one.pose_at(stamp), other.pose_at(stamp))
 
 
 def blind() -> Localizer:
@@ -111,7 +167,7 @@ def test_images_out_of_order_come_after_the_next_one(small_room: Dataset, monkey
 
 @pytest.mark.slow
 def test_it_is_told_in_tables(small_room: Dataset) -> None:
-    text = study(str(small_room.path), updates=20, seed=0, modes=("monte_carlo",)).markdown()
+    text = study(RunConfig(dataset=str(small_room.path)), updates=20, modes=("monte_carlo",)).markdown()
     assert "sure and wrong" in text
     assert "| monte_carlo | 20 |" in text
 
@@ -134,13 +190,16 @@ def test_what_breaks_is_found(small_room: Dataset, monkeypatch) -> None:
         )
 
     monkeypatch.setattr(Localizer, "add_image", failing)
-    found = soak(small_room, "monte_carlo", 30, seed=0)
+    found = soak(small_room, RunConfig(), "monte_carlo", 30)
     assert list(found.raised)
     assert next(iter(found.raised)).startswith("ZeroDivisionError")
     assert "covariance not positive" in found.broken
     # It lies from the tenth image on, twenty times in a row.
     assert found.wrong >= 20
     assert found.too_long >= 20 - harness.MOST_IN_ROW
+    assert found.long_runs[0] >= 1
+    assert found.long_runs[1] >= 20
+    assert found.failed_after.total() >= 20
     assert found.faults_found()
 
 
@@ -187,3 +246,23 @@ def test_faults_change_the_image(name: str) -> None:
 def test_growing_memory_is_a_fault() -> None:
     assert Findings(memory_mb=(100.0, 104.0)).faults_found() == []
     assert Findings(memory_mb=(100.0, 106.0)).faults_found() == ["memory grew by 6.0 %"]
+
+
+def test_runs_of_false_answers_are_counted_over_parts() -> None:
+    """Those that a stop cut in two are one run."""
+    found = Findings()
+    found.runs.update({"2": 5, "4": 1, "6": 1})
+    found.in_row = 7
+    again = Findings.of_data(json.loads(json.dumps(found.data())))
+    assert again.lengths == {2: 5, 4: 1, 6: 1, 7: 1}
+    assert again.too_long == 1 + 3 + 4
+    assert again.long_runs == (3, 7)
+    assert again.faults["none"] == 0
+
+
+def test_memory_of_another_process_is_not_held_against_this_one() -> None:
+    before = Findings(memory_mb=(100.0, 106.0))
+    after = Findings.of_data(before.data())
+    assert after.memory_mb == (0.0, 0.0)
+    after.memory_mb = (300.0, 301.0)
+    assert after.faults_found() == ["memory grew by 6.0 %"]

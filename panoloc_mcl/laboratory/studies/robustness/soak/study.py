@@ -4,112 +4,71 @@ from __future__ import annotations
 
 import contextlib
 import math
-import resource
-import sys
 import time
-from collections import Counter
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Literal, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from panoloc_mcl.laboratory.comparison.cell import data_digest
 from panoloc_mcl.laboratory.reports import Report
 from panoloc_mcl.laboratory.studies.robustness.soak.faults import Image
+from panoloc_mcl.laboratory.studies.robustness.soak.findings import MOST_IN_ROW, WRONG_DEG, WRONG_M, Findings, memory_mb
+from panoloc_mcl.laboratory.studies.robustness.soak.kept import Place
 from panoloc_mcl.laboratory.studies.robustness.soak.remembered import RememberedModel
 from panoloc_mcl.laboratory.studies.robustness.soak.world import World
 from panoloc_mcl.robot.errors import ImageError
 from panoloc_mcl.robot.filters import Estimate, Status
-from panoloc_mcl.robot.geometry import angle_difference
 from panoloc_mcl.robot.localizer import Localizer
 from panoloc_mcl.robot.observation import ObservationModel
 from panoloc_mcl.robot.progress import Progress, no_progress
-from panoloc_mcl.robot.settings.config import LocalizerConfig
-from panoloc_mcl.robot.settings.localizer import LocalizerSettings
+from panoloc_mcl.robot.single_blas import one_blas_thread
+from panoloc_mcl.tools.config import RunConfig
 from panoloc_mcl.tools.datasets import Dataset, read_dataset, resolve_dataset
 from panoloc_mcl.tools.runs.map_cache import cached_map
 
-Float64 = NDArray[np.float64]
 Mode = Literal["monte_carlo", "kalman_orientation"]
 
-#: Wrong beyond these, an answer that is called converged is false; and for more than so many images in a row it must not be.
-WRONG_M, WRONG_DEG, MOST_IN_ROW = 1.0, 20.0, 3
-# Memory is measured once everything has been used, and must not grow by more than this share.
-_WARM_UP, _MOST_GROWTH = 0.2, 0.05
-
-
-@dataclass
-class Findings:
-    """What was done to a localizer, and what became of it."""
-
-    updates: int = 0
-    faults: Counter[str] = field(default_factory=Counter)
-    raised: Counter[str] = field(default_factory=Counter)
-    broken: Counter[str] = field(default_factory=Counter)
-    statuses: Counter[str] = field(default_factory=Counter)
-    # Answers that were sure and wrong; of these, later than allowed in a row; and by the fault that came last.
-    wrong: int = 0
-    too_long: int = 0
-    wrong_after: Counter[str] = field(default_factory=Counter)
-    seconds: float = 0.0
-    memory_mb: tuple[float, float] = (0.0, 0.0)
-
-    def take(self, estimate: Estimate, true: Float64, last_fault: str, broken: Iterable[str]) -> bool:
-        """Count an answer; whether it is sure and wrong."""
-        self.statuses[estimate.status.value] += 1
-        self.broken.update(broken)
-        wrong = estimate.status is Status.CONVERGED and _is_off(estimate.pose, true)
-        if wrong:
-            self.wrong += 1
-            self.wrong_after[last_fault] += 1
-        return wrong
-
-    @property
-    def growth(self) -> float:
-        """Of the memory after the warm-up, as a share."""
-        before, after = self.memory_mb
-        return after / before - 1.0 if before else 0.0
-
-    def faults_found(self) -> list[str]:
-        """Everything that must not be, one line each."""
-        lines = [f"{what}: {count}" for what, count in (self.raised + self.broken).items()]
-        if self.growth > _MOST_GROWTH:
-            lines.append(f"memory grew by {100.0 * self.growth:.1f} %")
-        return lines
+# Memory is measured once so much of it is done.
+_WARM_UP = 0.2
+# How far it has come is kept after so many images.
+_KEPT_EVERY = 10_000
 
 
 def study(
-    dataset: str,
+    config: RunConfig,
     updates: int = 1000,
-    seed: int = 0,
     modes: tuple[Mode, ...] = ("monte_carlo", "kalman_orientation"),
     progress: Progress = no_progress,
     anew: bool = False,
     seconds: float = math.inf,
+    kept: Path | None = None,
 ) -> Report:
     """Drive to and fro over a data set's sequences with random faults.
 
     Parameters
     ----------
-    dataset : str
-        With ground truth.
+    config : RunConfig
+        Its data set has ground truth; its seed is that of everything random.
     updates : int
         Images in each mode.
-    seed : int
     modes : tuple of str
+        Instead of the configuration's own.
     progress : callable (done, total, what)
     anew : bool
         Compare an image with the map each time that it comes, as a robot does; otherwise its answer is remembered, and tracking is off.
     seconds : float
         Stop in each mode after so long, with what was done until then.
+    kept : Path, optional
+        Folder where it is kept how far it has come: with the same settings, code and data it goes on there.
     """
-    data = read_dataset(resolve_dataset(dataset))
+    data = read_dataset(resolve_dataset(config.dataset))
     report = Report(
-        f"Random faults in {updates} images a mode at the most on {data.name}, seed {seed}. After every image: finite pose, "
+        f"Random faults in {updates} images a mode at the most on {data.name}, seed {config.seed}. After every image: finite pose, "
         f"covariance symmetric and positive, weights that sum to one, status that fits its numbers. "
         f"Wrong: converged and off by more than {WRONG_M:g} m or {WRONG_DEG:g} degrees, at the time that the answer is of. "
-        f"Memory: from after {100 * _WARM_UP:.0f} % of the images, all of which were read before."
+        f"Memory: from after {100 * _WARM_UP:.0f} % of the images, all of which were read before. Seconds are of the processor."
     )
     table = report.table(
         "What held",
@@ -122,11 +81,13 @@ def study(
             "converged",
             "sure and wrong",
             f"more than {MOST_IN_ROW} in a row",
+            f"runs of more than {MOST_IN_ROW}, longest",
             "memory",
         ),
     )
-    kinds = report.table("Faults", ("fault", *modes, *(f"sure and wrong after it, {mode}" for mode in modes)))
-    found = {mode: soak(data, mode, updates, seed, progress, anew, seconds) for mode in modes}
+    columns = ("survived", "sure and wrong after it")
+    kinds = report.table("Faults", ("fault", *modes, *(f"{column}, {mode}" for column in columns for mode in modes)))
+    found = {mode: soak(data, config, mode, updates, progress, anew, seconds, kept) for mode in modes}
     for mode, one in found.items():
         table.add(
             mode,
@@ -137,28 +98,32 @@ def study(
             f"{100.0 * one.statuses['converged'] / max(one.statuses.total(), 1):.1f} %",
             f"{one.wrong} ({100.0 * one.wrong / max(one.statuses.total(), 1):.2f} %)",
             str(one.too_long),
-            f"{one.memory_mb[0]:.0f} MB, {100.0 * one.growth:+.1f} %",
+            "{}, {}".format(*one.long_runs),
+            f"{one.memory_mb[0]:.0f} to {one.memory_mb[1]:.0f} MB, {100.0 * one.growth:+.1f} %",
         )
     for kind in sorted(set().union(*(one.faults for one in found.values()))):
-        table_row = [str(one.faults[kind]) for one in found.values()] + [str(one.wrong_after[kind]) for one in found.values()]
-        kinds.add(kind, *table_row)
+        counts = [str(one.faults[kind]) for one in found.values()]
+        survived = [str(one.faults[kind] - one.failed_after[kind]) for one in found.values()]
+        kinds.add(kind, *counts, *survived, *(str(one.wrong_after[kind]) for one in found.values()))
     return report
 
 
 def soak(
     data: Dataset,
+    config: RunConfig,
     mode: Mode,
     updates: int,
-    seed: int,
     progress: Progress = no_progress,
     anew: bool = False,
     seconds: float = math.inf,
+    kept: Path | None = None,
 ) -> Findings:
-    """One localizer in one mode."""
-    config = LocalizerConfig(seed=seed, localizer=LocalizerSettings(mode=mode, initial="known_pose"))
+    """One localizer in one mode (see `study`)."""
+    settings = config.localizer.model_copy(update={"mode": mode, "initial": "known_pose"})
+    config = config.model_copy(update={"localizer": settings})
     panorama_map = cached_map(data, config.observation, 0)
     drives = [drive for drive in data.sequences.values() if drive.groundtruth is not None and len(drive) > 2]
-    world = World(drives, np.random.default_rng(seed))
+    world = World(drives, np.random.default_rng(config.seed))
     model = panorama_map.observation_model(config.observation)
     shared = model if anew else cast(ObservationModel, RememberedModel(model))
     localizer = Localizer(
@@ -169,50 +134,72 @@ def soak(
         start_pose=tuple(world.pose.tolist()),
         model=shared,
     )
+    place = None
+    if kept is not None:
+        place = Place(kept, (data_digest(data, config), config.seed, settings.model_dump_json(), config.observation, anew))
+    found = Findings() if place is None else place.take_up(localizer, world)
+    if found.updates >= updates:
+        return found
     # All that is remembered takes its memory first, so that what grows afterwards is the localizer.
     for number, image in enumerate(world.images()):
         if not anew:
             _remember(shared, localizer, image, mode)
         if number % 50 == 0:
             progress(number, world.different, f"soak, {mode}, images")
-    found, in_row, last_fault = Findings(), 0, "none"
-    begin = time.perf_counter()
-    for number in range(updates):
-        for fault in world.step(localizer):
-            found.faults[fault] += 1
-            last_fault = fault
-        try:
-            for estimate in world.look(localizer):
-                if estimate is not None:
-                    wrong = found.take(
-                        estimate, world.pose_at(estimate.timestamp), last_fault, _broken(localizer, estimate, mode)
-                    )
-                    in_row = in_row + 1 if wrong else 0
-                    found.too_long += in_row > MOST_IN_ROW
-        except Exception as error:
-            found.raised[f"{type(error).__name__} after {last_fault}"] += 1
-            continue
-        found.updates += 1
-        found.seconds = time.perf_counter() - begin
-        if not found.memory_mb[0] and (number >= int(_WARM_UP * updates) or found.seconds > _WARM_UP * seconds):
-            found.memory_mb = (_memory_mb(), 0.0)
-        if found.seconds > seconds:
-            break
-        if number % 50 == 0 or number == updates - 1:
-            progress(number + 1, updates, f"soak, {mode}")
-    found.memory_mb = (found.memory_mb[0], _memory_mb())
+    _drive(localizer, world, found, mode, updates, seconds, place, progress)
     return found
+
+
+def _drive(
+    localizer: Localizer,
+    world: World,
+    found: Findings,
+    mode: Mode,
+    updates: int,
+    seconds: float,
+    place: Place | None,
+    progress: Progress,
+) -> None:
+    """Step by step until there are so many updates, or so many seconds have gone by."""
+    begin, worked, before = time.perf_counter(), time.process_time(), found.seconds
+    first = found.updates
+    # BLAS is held to one thread once for all of them; asking for it at every image takes a twentieth of the time.
+    with one_blas_thread():
+        while found.updates < updates:
+            _step(localizer, world, found, mode)
+            found.seconds = before + time.process_time() - worked
+            gone = time.perf_counter() - begin
+            is_warm = found.updates - first > _WARM_UP * (updates - first) or gone > _WARM_UP * seconds
+            if not found.memory_mb[0] and is_warm:
+                found.warmed_up()
+            if gone > seconds:
+                break
+            if found.updates % 50 == 0 or found.updates == updates:
+                progress(found.updates, updates, f"soak, {mode}")
+            if place is not None and found.updates % _KEPT_EVERY == 0:
+                place.keep(localizer, world, found)
+    found.memory_mb = found.memory_mb[0], memory_mb()
+    if place is not None:
+        place.keep(localizer, world, found)
+
+
+def _step(localizer: Localizer, world: World, found: Findings, mode: Mode) -> None:
+    """On to the next image, whatever becomes of it."""
+    for fault in world.step(localizer):
+        found.befell(fault)
+    found.updates += 1
+    try:
+        for estimate in world.look(localizer):
+            if estimate is not None:
+                found.take(estimate, world.pose_at(estimate.timestamp), list(_broken(localizer, estimate, mode)))
+    except Exception as error:
+        found.failed(error)
 
 
 def _remember(model: ObservationModel, localizer: Localizer, image: Image, mode: Mode) -> None:
     """Let a model that remembers see an image before it counts; one that is faulty is as good as any."""
     with contextlib.suppress(ImageError):
         model.observe(localizer.unwrapper(image), np.zeros(1) if mode == "kalman_orientation" else None)
-
-
-def _is_off(pose: Float64, true: Float64) -> bool:
-    far = float(np.hypot(*(pose[:2] - true[:2]))) > WRONG_M
-    return far or abs(float(np.degrees(angle_difference(pose[2], true[2])))) > WRONG_DEG
 
 
 def _broken(localizer: Localizer, estimate: Estimate, mode: Mode) -> Iterator[str]:
@@ -240,12 +227,3 @@ def _broken(localizer: Localizer, estimate: Estimate, mode: Mode) -> Iterator[st
         any(reason.value in ("nothing_counted", "pose_outdated") for reason in estimate.reasons)
     ):
         yield "stale without a reason, or the other way round"
-
-
-def _memory_mb() -> float:
-    """Of this process now, megabytes; the most it ever had where the system does not say."""
-    try:
-        with open("/proc/self/statm", encoding="ascii") as stream:  # noqa: PTH123
-            return int(stream.read().split()[1]) * resource.getpagesize() / 2**20
-    except OSError:
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)

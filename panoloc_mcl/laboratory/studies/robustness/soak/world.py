@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,15 @@ _VARIANTS = 2
 _STEPS_KEPT = 50
 
 
+class _Key(NamedTuple):
+    """An image: a frame of a drive, as it is, or with one of so many variants of a fault."""
+
+    drive: str
+    frame: int
+    fault: str = ""
+    variant: int = 0
+
+
 class _Step(NamedTuple):
     """From one image to the next: driven evenly, or carried off at the end."""
 
@@ -48,18 +57,17 @@ class World:
     """A robot that drives recorded ways to and fro, with faulty sensors."""
 
     def __init__(self, drives: list[Sequence], rng: np.random.Generator) -> None:
-        self._drives, self._rng = drives, rng
+        self._drives, self._rng = {drive.name: drive for drive in drives}, rng
         self._drive = drives[0]
         self._frame, self._direction = 0, 1
         self._clock, self._reported = 1000.0, np.zeros(3)
-        self._images: dict[tuple[str, int], Image] = {}
-        self._spoilt_images: dict[tuple[str, int, str, int], Image] = {}
+        self._images: dict[_Key, Image] = {}
         self._truth = {drive.name: drive.groundtruth.at(drive.times) for drive in drives if drive.groundtruth is not None}
-        self._frozen_image: Image | None = None
+        self._seen: _Key | None = None
         self._odometry_frozen = 0
         self._sent = self._clock
         self._arriving: list[tuple[float, Image]] = []
-        self._held_up: list[tuple[float, Image]] = []
+        self._held_up: list[tuple[float, _Key]] = []
         self._steps: deque[_Step] = deque(maxlen=_STEPS_KEPT)
 
     @property
@@ -78,15 +86,15 @@ class World:
     @property
     def different(self) -> int:
         """How many images there are, with every fault."""
-        return sum(len(drive) for drive in self._drives) * (1 + _VARIANTS * len(IMAGE_FAULTS))
+        return sum(len(drive) for drive in self._drives.values()) * (1 + _VARIANTS * len(IMAGE_FAULTS))
 
     def images(self) -> Iterator[Image]:
         """Every image that there is, as it is and with every fault."""
-        for drive in self._drives:
+        for name, drive in self._drives.items():
             for frame in range(len(drive)):
-                yield self._image(drive, frame)
+                yield self._image(_Key(name, frame))
                 for fault in IMAGE_FAULTS:
-                    yield from (self._spoilt(drive, frame, fault, variant) for variant in range(_VARIANTS))
+                    yield from (self._image(_Key(name, frame, fault, variant)) for variant in range(_VARIANTS))
 
     def step(self, localizer: Localizer) -> Iterator[str]:
         """Drive on to the next image; yields the faults that happen."""
@@ -94,7 +102,7 @@ class World:
         before = self.pose
         carried = rng.random() < _CARRIED_OFF
         if carried:
-            self._drive = self._drives[int(rng.integers(len(self._drives)))]
+            self._drive = list(self._drives.values())[int(rng.integers(len(self._drives)))]
             self._frame = int(rng.integers(len(self._drive)))
             yield KIDNAP
         else:
@@ -126,9 +134,9 @@ class World:
             self._reported = np.zeros(3)
         steps = max(int(rng.uniform(0.5, 1.5) / _ODOMETRY_S), 2)
         noise = 1.0 + 0.05 * rng.standard_normal(3)
-        for step in range(1, steps + 1):
+        way = compose(self._reported, moved * noise * (np.arange(1, steps + 1) / steps)[:, None])
+        for step, pose in enumerate(way, 1):
             self._clock += _ODOMETRY_S
-            pose = compose(self._reported, moved * noise * (step / steps))
             if fault == "odometry missing":
                 continue
             if self._odometry_frozen:
@@ -146,16 +154,15 @@ class World:
 
     def _take_image(self) -> Iterator[str]:
         rng, stamp = self._rng, self._clock - _TAKEN_BEFORE_S
-        image = seen = self._image(self._drive, self._frame)
+        shown = seen = _Key(self._drive.name, self._frame)
         if rng.random() < _IN_IMAGE:
             names = [*IMAGE_FAULTS, FROZEN]
             name = names[int(rng.integers(len(names)))]
             yield name
-            last = image if self._frozen_image is None else self._frozen_image
-            image = last if name == FROZEN else self._spoilt(self._drive, self._frame, name, int(rng.integers(_VARIANTS)))
-        self._frozen_image = seen
+            shown = (self._seen or seen) if name == FROZEN else seen._replace(fault=name, variant=int(rng.integers(_VARIANTS)))
+        self._seen = seen
         held_up, self._held_up = self._held_up, []
-        arriving = [(stamp, image)]
+        arriving = [(stamp, shown)]
         if rng.random() < _IN_STAMP:
             name = STAMP_FAULTS[int(rng.integers(len(STAMP_FAULTS)))]
             yield name
@@ -170,20 +177,42 @@ class World:
                     "stamp 60 s ahead": stamp + 60.0,
                     "stamp 0.5 s late": stamp - 0.5,
                 }
-                arriving = [(stamps[name], image)]
-        self._arriving = arriving + held_up
+                arriving = [(stamps[name], shown)]
+        self._arriving = [(time, self._image(key)) for time, key in arriving + held_up]
         self._sent = next((one for one, _ in self._arriving if np.isfinite(one)), self._sent)
 
-    def _spoilt(self, drive: Sequence, frame: int, fault: str, variant: int) -> Image:
-        """An image with a fault; one of a few of its kind, so that a million images are some thousand different ones."""
-        key = (drive.name, frame, fault, variant)
-        if key not in self._spoilt_images:
-            rng = np.random.default_rng([variant, frame, *fault.encode()])
-            self._spoilt_images[key] = IMAGE_FAULTS[fault](self._image(drive, frame), rng)
-        return self._spoilt_images[key]
-
-    def _image(self, drive: Sequence, frame: int) -> Image:
-        key = (drive.name, frame)
+    def _image(self, key: _Key) -> Image:
+        """One of a few of its kind if it has a fault, so that a million images are some thousand different ones."""
         if key not in self._images:
-            self._images[key] = read_image(drive.files[frame])
+            if key.fault:
+                rng = np.random.default_rng([key.variant, key.frame, *key.fault.encode()])
+                self._images[key] = IMAGE_FAULTS[key.fault](self._image(_Key(key.drive, key.frame)), rng)
+            else:
+                self._images[key] = read_image(self._drives[key.drive].files[key.frame])
         return self._images[key]
+
+    def snapshot(self) -> dict[str, Any]:
+        """All that the next step depends on, as plain values."""
+        return {
+            "random": self._rng.bit_generator.state,
+            "at": [self._drive.name, self._frame, self._direction],
+            "clock": [self._clock, self._sent],
+            "reported": self._reported.tolist(),
+            "seen": self._seen,
+            "odometry_frozen": self._odometry_frozen,
+            "held_up": self._held_up,
+            "steps": [[step.begin, step.end, step.pose.tolist(), step.moved.tolist()] for step in self._steps],
+        }
+
+    def restore(self, values: Mapping[str, Any]) -> None:
+        """Take over what `snapshot` gave, of a world of the same drives."""
+        self._rng.bit_generator.state = values["random"]
+        name, self._frame, self._direction = values["at"]
+        self._drive = self._drives[name]
+        self._clock, self._sent = values["clock"]
+        self._reported = np.array(values["reported"])
+        self._seen = None if values["seen"] is None else _Key(*values["seen"])
+        self._odometry_frozen = values["odometry_frozen"]
+        self._held_up = [(stamp, _Key(*key)) for stamp, key in values["held_up"]]
+        self._steps.clear()
+        self._steps.extend(_Step(begin, end, np.array(pose), np.array(moved)) for begin, end, pose, moved in values["steps"])
