@@ -1,6 +1,7 @@
 """The paper's localizer: a Kalman filter on the heading, headings drawn from its prediction, the best response wins.
 
-Steinbauer & Bischof (2004), section 3. The position is that of the reported place; there is no belief over positions. Two filters
+Steinbauer & Bischof (2004), section 3. The position is that of the reported place; there is no belief over positions. Whether the
+places go where odometry leads decides over the status alone (`filters/following.py`). Two filters
 work on the one state, as in the fusion method that the paper takes over (its reference 17): odometry turns the predicted heading
 whenever it comes, an image corrects it. Both carry their own time stamps. So that they may come in any order, the filter remembers
 its last steps: an image that comes late is put in at its own time, and the steps after it are taken again.
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.robot.filters.base import Start
 from panoloc_mcl.robot.filters.estimate import Cluster, FilterState, Status
+from panoloc_mcl.robot.filters.following import Following, missed, support_of
 from panoloc_mcl.robot.filters.memory import Kept
 from panoloc_mcl.robot.geometry import angle_difference, wrap_angle
 from panoloc_mcl.robot.motion import Motion
@@ -36,7 +38,8 @@ _MOST_STEPS = 1000
 _LEAST_SHARE = 0.6
 
 
-_FORM = "kalman_orientation/2"
+# The form before has nothing of what places do.
+_FORM, _FORMS_BEFORE = "kalman_orientation/3", ("kalman_orientation/2",)
 
 
 @dataclass(frozen=True)
@@ -118,9 +121,11 @@ class KalmanOrientationFilter:
         self._match = math.nan
         # Running share of the best votes at any heading that those around the prediction get: low where the heading is wrong.
         self._share = math.nan
+        self._following = Following.begun(start.position, start.sd_position)
 
     def propagate(self, motion: Motion) -> None:
         """Predict the heading from odometry."""
+        self._following = self._following.moved(motion, self.heading, self.sd_heading)
         self._clock += motion.duration_s
         step = _Step(self._clock, float(motion.increment[2]), motion.sd_heading**2)
         self.heading, self.sd_heading = _predicted(self.heading, self.sd_heading, step)
@@ -143,8 +148,19 @@ class KalmanOrientationFilter:
         A late image corrects the heading at its own time. Its place is where the robot was then, so it is only taken as long as no
         other is known.
         """
+        if offset is None:
+            self._following = self._followed(votes)
         self._take_in(votes, offset)
         self._has_converged |= self._is_sure
+
+    def _followed(self, votes: VoteField) -> Following:
+        """What the places do after an image; a late one has its place from before."""
+        if not votes.informative or votes.peak.votes <= 0.0:
+            return self._following.unseen()
+        elsewhere = votes.best_elsewhere
+        support = 1.0 if math.isnan(elsewhere) else support_of(votes.peak.votes, elsewhere, votes.tolerance)
+        unlucky = missed(self.sd_heading, self.settings.headings) if votes.gives_heading else 0.0
+        return self._following.seen(votes.peak.place, self.places, support, unlucky)
 
     def _take_in(self, votes: VoteField, offset: Motion | None) -> None:
         if not votes.informative or votes.peak.votes <= 0.0:
@@ -243,22 +259,29 @@ class KalmanOrientationFilter:
             match=self._match,
             share=self._share,
         )
-        return {"steps": steps, "base": np.array(self._base)}, memory.header(_FORM)
+        arrays = {"steps": steps, "base": np.array(self._base), "following": self._following.array()}
+        return arrays, memory.header(_FORM)
 
     def restore(self, arrays: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) -> None:
-        """Take over what `snapshot` gave.
+        """Take over what `snapshot` gave, of this version or of one before.
 
         Raises
         ------
         KeyError, ValueError
             Something is missing, of another form, or of another shape.
         """
-        memory = KalmanMemory.of_header(header, _FORM)
+        form = header.get("form")
+        memory = KalmanMemory.of_header(header, form if form in _FORMS_BEFORE else _FORM)
         if not 0 <= memory.place < len(self.places):
             raise ValueError(f"place {memory.place} of {len(self.places)}")
+        if form in _FORMS_BEFORE:
+            at = tuple(self.places.positions[memory.place].tolist())
+            following = Following.begun(at if memory.place_known else None, self.places.spacing)
+        else:
+            following = Following.of_array(arrays["following"])
         time, heading, sd = (float(value) for value in arrays["base"])
         steps = [_Step(*(float(value) for value in row)) for row in arrays["steps"]]
-        self._base, self._steps = (time, heading, sd), steps
+        self._base, self._steps, self._following = (time, heading, sd), steps, following
         self.heading, self.sd_heading, self._clock = memory.heading, memory.sd_heading, memory.clock
         self._key, self._drawn = memory.key, memory.drawn
         self._place, self._place_known, self._has_converged = memory.place, memory.place_known, memory.has_converged
@@ -266,9 +289,19 @@ class KalmanOrientationFilter:
 
     @property
     def _is_sure(self) -> bool:
-        narrow = math.degrees(self.sd_heading) < self.status_settings.converged_spread_deg
+        limits = self.status_settings
+        narrow = math.degrees(self.sd_heading) < limits.converged_spread_deg
         # Not a number where the model does not know: then the filter cannot, either.
-        return self._place_known and narrow and not self._share < _LEAST_SHARE
+        fits = self._place_known and not self._share < _LEAST_SHARE
+        return narrow and fits and self._following.right > 1.0 - limits.lost_chance and self._is_on_track
+
+    @property
+    def _is_on_track(self) -> bool:
+        """Whether the reported place is where odometry leads from those before: one that is not may be wrong, or long past."""
+        track, limit = self._following, self.status_settings.converged_spread_m
+        off = math.hypot(*(self.places.positions[self._place] - track.position).tolist())
+        # Half a cell's diagonal is the place's own.
+        return track.spread_m < limit and off < limit + self.places.spacing / math.sqrt(2.0)
 
     def state(self) -> FilterState:
         """The reported place with the filtered heading, as one cluster; asking changes nothing."""
@@ -294,6 +327,7 @@ class KalmanOrientationFilter:
             injected=0,
             effective_count=float(self.settings.headings),
             resampled=False,
+            elsewhere=1.0 - self._following.right,
         )
 
 

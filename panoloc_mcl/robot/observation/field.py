@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -54,8 +55,9 @@ class VoteField:
         The pose that the image gives by itself, when the model refines the best cell.
     confidence : float
         Probability that the best pose (refined, if it is) is right; NaN where the model does not know.
-    best_at_any_heading : float
-        Where only some headings were asked for: the best votes at any; NaN where the model does not know.
+    at_every_heading : float32 (n,) or None
+        Where only some headings were asked for: the best votes at n headings equally spaced over the circle from 0; None where the
+        model does not know.
     asked : Asked or None
         The places that the c columns are of, where the map has too many to ask them all; None: of all, in order.
     """
@@ -68,7 +70,7 @@ class VoteField:
     problem: str = ""
     measurement: PoseMeasurement | None = None
     confidence: float = float("nan")
-    best_at_any_heading: float = float("nan")
+    at_every_heading: Float32 | None = None
     asked: Asked | None = None
 
     @property
@@ -85,6 +87,20 @@ class VoteField:
     def gives_heading(self) -> bool:
         """Whether votes depend on the heading; if not, they hold at every heading alike."""
         return not self.full_circle or len(self.headings) > 1
+
+    @property
+    def best_at_any_heading(self) -> float:
+        """The best votes at any heading, where only some were asked for; NaN where the model does not know."""
+        return math.nan if self.at_every_heading is None else float(self.at_every_heading.max())
+
+    @property
+    def best_elsewhere(self) -> float:
+        """The best votes at headings far from all that were asked for; NaN where the model does not know, 0 where there are none."""
+        if self.at_every_heading is None:
+            return math.nan
+        around = np.arange(len(self.at_every_heading)) * (2.0 * np.pi / len(self.at_every_heading))
+        far = (np.abs(angle_difference(around[:, None], self.headings)) > np.radians(_RIVAL_DEG)).all(axis=1)
+        return float(self.at_every_heading[far].max(initial=0.0))
 
     def read(self, poses: Float64) -> Float32:
         """Votes at poses (n, 3), interpolated over heading and place; 0 off the map. float32 (n,)."""

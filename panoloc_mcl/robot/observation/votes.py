@@ -222,8 +222,8 @@ class VotesModel:
         votes, asked = self._votes(z, mask)
         field = VoteField(votes, self._headings, self.places, self._tolerance_of(votes), asked=asked)
         if headings is not None:
-            best, votes = float(votes.max()), at_headings(votes, headings)
-            return replace(field, votes=votes, headings=headings, full_circle=False, best_at_any_heading=best)
+            best, votes = votes.max(axis=1), at_headings(votes, headings)
+            return replace(field, votes=votes, headings=headings, full_circle=False, at_every_heading=best)
         if followed is not None and expected is not None and (proven or not everywhere) and expected.fits(field):
             # A closer look at the best cells would measure the same pose once more.
             return self._judged(field.with_measurement(followed.measurement))

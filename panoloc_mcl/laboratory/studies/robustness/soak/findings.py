@@ -144,9 +144,8 @@ class Findings:
         TypeError
             Of something else.
         """
-        found = cls(**{name: Counter(value) if isinstance(value, dict) else value for name, value in values.items()})
-        found.memory_mb = (0.0, 0.0)
-        return found
+        taken: dict[str, Any] = {name: Counter(value) if isinstance(value, dict) else value for name, value in values.items()}
+        return cls(**taken | {"memory_mb": (0.0, 0.0)})
 
 
 def _is_off(pose: Float64, true: Float64) -> bool:

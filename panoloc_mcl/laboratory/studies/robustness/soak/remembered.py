@@ -54,7 +54,7 @@ class RememberedModel:
             field.places,
             field.tolerance,
             full_circle=False,
-            best_at_any_heading=field.best_at_any_heading,
+            at_every_heading=field.at_every_heading,
         )
 
 
