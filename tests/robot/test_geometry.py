@@ -46,6 +46,22 @@ def test_wrapped_angles_lie_in_the_range_and_stay(angle: float) -> None:
         assert wrapped == angle
 
 
+@given(st.floats())
+@example(np.pi)
+@example(-np.pi)
+@example(np.nextafter(np.pi, 0.0))
+@example(np.nextafter(-np.pi, -4.0))
+@example(-0.0)
+@example(1e300)
+@pytest.mark.filterwarnings("ignore:invalid value")
+def test_one_angle_is_wrapped_as_many_are(angle: float) -> None:
+    """To the last bit, whatever it is given as."""
+    (among,) = wrap_angle([angle])
+    for one in (wrap_angle(angle), wrap_angle(np.float64(angle)), wrap_angle(np.array(angle)), angle_difference(angle, 0.0)):
+        assert np.shape(one) == ()
+        np.testing.assert_equal(float(one), float(among))
+
+
 @given(st.floats(-np.pi, np.nextafter(np.pi, 0.0)), st.integers(-1000, 1000))
 def test_whole_turns_change_nothing(angle: float, turns: int) -> None:
     assert abs(float(angle_difference(angle + turns * 2.0 * np.pi, angle))) < 1e-11

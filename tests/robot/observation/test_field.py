@@ -198,3 +198,16 @@ def test_the_guess_is_the_best_cell_and_its_share_of_the_likelihood() -> None:
     assert judged is not None
     assert judged.probability == 0.3
     assert silent_field(CIRCLE, PLACES, "image is black", True).guess is None
+
+
+def test_the_best_elsewhere_is_far_from_all_headings_that_were_asked() -> None:
+    around = np.linspace(0.1, 0.8, HEADINGS).astype(np.float32)
+    asked = np.radians([-10.0, 50.0])
+    field = VoteField(flat(0.2)[:2], asked, PLACES, 0.1, full_circle=False, at_every_heading=around)
+    assert field.best_at_any_heading == pytest.approx(0.8)
+    # Beyond 20 degrees of -10: the last of those every 5 degrees is 325.
+    assert field.best_elsewhere == around[65]
+    everywhere = VoteField(flat(), CIRCLE, PLACES, 0.1, full_circle=False, at_every_heading=around)
+    assert everywhere.best_elsewhere == 0.0
+    assert np.isnan(a_field(flat(0.2)).best_elsewhere)
+    assert np.isnan(a_field(flat(0.2)).best_at_any_heading)

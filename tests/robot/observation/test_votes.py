@@ -129,6 +129,8 @@ def test_asked_headings_are_read_from_the_circle() -> None:
     assert not some.full_circle
     assert some.votes == pytest.approx(everything.votes[whole % COLUMNS], abs=1e-6)
     assert some.tolerance == everything.tolerance
+    np.testing.assert_array_equal(some.at_every_heading, everything.votes.max(axis=1))
+    assert some.best_at_any_heading == everything.peak.votes
     between = MODEL.observe(picture, np.array([13.25]) * FULL_TURN / COLUMNS)
     assert between.votes[0] == pytest.approx(0.75 * everything.votes[13] + 0.25 * everything.votes[14], abs=1e-5)
 

@@ -42,6 +42,15 @@ def test_nothing_breaks_in_half_a_minute(mode, small_room: Dataset) -> None:
 
 
 @pytest.mark.slow
+def test_the_paper_s_tracker_is_hardly_ever_sure_and_wrong(small_room: Dataset) -> None:
+    """It is carried off every 200 images and does not find back by itself: that it has to know."""
+    found = soak(small_room, RunConfig(seed=4), "kalman_orientation", 300)
+    assert found.statuses["converged"] > 20
+    assert found.wrong <= 3
+    assert found.too_long == 0
+
+
+@pytest.mark.slow
 def test_nothing_breaks_where_every_image_is_compared_anew(small_room: Dataset) -> None:
     found = soak(small_room, RunConfig(seed=5), "monte_carlo", 150, anew=True)
     assert found.raised.total() == 0
