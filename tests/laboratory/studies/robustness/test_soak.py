@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import sys
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
@@ -93,6 +94,22 @@ def test_what_was_kept_and_is_damaged_begins_anew(small_room: Dataset, tmp_path)
     (state,) = tmp_path.glob("*.npz")
     state.write_bytes(state.read_bytes()[:100])
     assert soak(small_room, RunConfig(), "kalman_orientation", 10, kept=tmp_path).updates == 10
+
+
+@pytest.mark.slow
+def test_what_is_killed_loses_half_a_minute_at_the_most(small_room: Dataset, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(sys.modules[soak.__module__], "_KEPT_EVERY_S", 0.0)
+    look, calls = World.look, itertools.count()
+
+    def killed(self, localizer):
+        if next(calls) == 25:
+            raise KeyboardInterrupt
+        return look(self, localizer)
+
+    monkeypatch.setattr(World, "look", killed)
+    with pytest.raises(KeyboardInterrupt):
+        soak(small_room, RunConfig(), "kalman_orientation", 40, kept=tmp_path)
+    assert soak(small_room, RunConfig(), "kalman_orientation", 10, kept=tmp_path).updates == 25
 
 
 @pytest.mark.slow

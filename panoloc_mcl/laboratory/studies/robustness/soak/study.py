@@ -32,8 +32,8 @@ Mode = Literal["monte_carlo", "kalman_orientation"]
 
 # Memory is measured once so much of it is done.
 _WARM_UP = 0.2
-# How far it has come is kept after so many images.
-_KEPT_EVERY = 10_000
+# How far it has come is kept after so many seconds.
+_KEPT_EVERY_S = 30.0
 
 
 def study(
@@ -162,7 +162,7 @@ def _drive(
 ) -> None:
     """Step by step until there are so many updates, or so many seconds have gone by."""
     begin, worked, before = time.perf_counter(), time.process_time(), found.seconds
-    first = found.updates
+    first, kept = found.updates, begin
     # BLAS is held to one thread once for all of them; asking for it at every image takes a twentieth of the time.
     with one_blas_thread():
         while found.updates < updates:
@@ -176,8 +176,9 @@ def _drive(
                 break
             if found.updates % 50 == 0 or found.updates == updates:
                 progress(found.updates, updates, f"soak, {mode}")
-            if place is not None and found.updates % _KEPT_EVERY == 0:
+            if place is not None and begin + gone - kept > _KEPT_EVERY_S:
                 place.keep(localizer, world, found)
+                kept = begin + gone
     found.memory_mb = found.memory_mb[0], memory_mb()
     if place is not None:
         place.keep(localizer, world, found)
