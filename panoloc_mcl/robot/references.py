@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.robot.camera import Camera, Panorama, PanoramaGeometry, Unwrapper, geometry_of
+from panoloc_mcl.robot.camera.panorama import shifted
 from panoloc_mcl.robot.errors import DatasetError
 from panoloc_mcl.robot.geometry import compose, wrap_angle
 from panoloc_mcl.robot.images import ImageSource, read_image
@@ -187,12 +188,9 @@ def turned(references: ReferencePanoramas, angles: NDArray[np.float64]) -> Refer
     # Azimuth falls with the column.
     columns = references.geometry.width
     shifts = np.asarray(angles) * columns / (2.0 * np.pi)
-    frequencies = np.fft.rfftfreq(columns)
     pixels = references.pixels.copy()
     for index in np.flatnonzero(np.abs(shifts) > _SAME_COLUMNS):
-        shift = shifts[index]
-        spectrum = np.fft.rfft(references.pixels[index], axis=1) * np.exp(2j * np.pi * frequencies * shift)
-        pixels[index] = np.clip(np.rint(np.fft.irfft(spectrum, columns, axis=1)), 0, 255)
+        pixels[index] = np.clip(np.rint(shifted(references.pixels[index], -shifts[index])), 0, 255)
     valid = references.valid
     if valid is not None:
         valid = np.stack([np.roll(mask, -round(shift), axis=1) for mask, shift in zip(valid, shifts, strict=True)])

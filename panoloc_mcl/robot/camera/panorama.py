@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -104,3 +105,19 @@ class Panorama:
 
     pixels: NDArray[np.float32]
     valid: NDArray[np.bool_] | None = None
+
+
+def shifted(pixels: NDArray[Any], columns: float) -> NDArray[np.float64]:
+    """Rows of panoramas, moved to the right around the circle by any number of columns.
+
+    By their spectrum: a kernel of a few columns moves fine texture by another amount than coarse, and a panorama with it. One of 360
+    columns that a cubic kernel turned by 0.15 degrees was read 0.027 degrees off.
+
+    Parameters
+    ----------
+    pixels : (..., columns)
+    columns : float
+    """
+    width = pixels.shape[-1]
+    turn = np.exp(-2j * np.pi * np.fft.rfftfreq(width) * columns)
+    return np.asarray(np.fft.irfft(np.fft.rfft(pixels, axis=-1) * turn, width, axis=-1))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import cv2
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from panoloc_mcl.robot.camera.directions import Pixels, angles_of, pixels_of, rays_of, row_of_elevation
 from panoloc_mcl.robot.camera.extent import geometry_of
-from panoloc_mcl.robot.camera.panorama import Panorama, PanoramaGeometry
+from panoloc_mcl.robot.camera.panorama import Panorama, PanoramaGeometry, shifted
 from panoloc_mcl.robot.camera.profiles import radius_px
 from panoloc_mcl.robot.camera.spec import (
     AnyCamera,
@@ -47,7 +48,8 @@ class Unwrapper:
         The panorama to make.
     turn : float
         Radians. Gives the panorama that the camera would have delivered had the robot turned left by so much; -theta brings
-        an image taken at heading theta to heading 0. Turns by whole columns copy pixels and do not interpolate.
+        an image taken at heading theta to heading 0. Turns of a cylinder by whole columns copy pixels, others of one of the same
+        columns shift it by its spectrum (`shifted`).
 
     Raises
     ------
@@ -68,6 +70,8 @@ class Unwrapper:
         self.camera, self.image_size, self.geometry, self.turn = camera, image_size, geometry, turn
         self._rows: NDArray[np.intp] | None = None
         self._columns: NDArray[np.intp] | None = None
+        # Of a column, to the right, after whole ones were copied.
+        self._rest = 0.0
         self._samples = (1, 1)
         self._wraps = isinstance(camera, PanoramaCamera | EquirectangularCamera)
         if isinstance(camera, PanoramaCamera) and camera.mounting.is_upright:
@@ -129,7 +133,7 @@ class Unwrapper:
             grey = grey[self._rows]
         if self._columns is not None and not _is_identity(self._columns, grey.shape[1]):
             grey = grey[:, self._columns]
-        return grey.astype(np.float32)
+        return grey.astype(np.float32) if self._rest == 0.0 else _within(shifted(grey, self._rest), grey)
 
     def _interpolated(self, grey: Image) -> NDArray[np.float32]:
         across, down = self._samples
@@ -144,10 +148,7 @@ class Unwrapper:
             size = (self.geometry.width, self.geometry.height)
             pixels: NDArray[np.float32] = cv2.resize(fine.astype(np.float32), size, interpolation=cv2.INTER_AREA)
             return pixels
-        limit = 65535.0 if grey.dtype == np.uint16 else 255.0
-        # A cubic kernel overshoots at edges.
-        clipped: NDArray[np.float32] = np.clip(fine, 0.0, limit)
-        return clipped
+        return _within(fine, grey)
 
     def _tabulate_panorama(self, camera: PanoramaCamera) -> NDArray[np.bool_]:
         width, height = self.image_size
@@ -162,8 +163,11 @@ class Unwrapper:
         columns = np.mod(camera.heading_column + sense * offset * (width / self.geometry.width), width)
         rows = row_of_elevation(camera, height, self.geometry.elevation_of_row(fine_rows))
         seen_rows = np.asarray((rows > -0.5 - _WHOLE) & (rows < height - 0.5 + _WHOLE))
-        if across * down == 1 and _are_whole(columns) and _are_whole(rows):
-            self._columns = np.rint(columns).astype(np.intp) % width
+        if across * down == 1 and width == self.geometry.width and _are_whole(rows):
+            whole = np.rint(columns[0])
+            rest = sense * (whole - columns[0])
+            self._rest = 0.0 if abs(rest) < _WHOLE else float(rest)
+            self._columns = (whole + sense * fine_columns).astype(np.intp) % width
             self._rows = np.clip(np.rint(rows), 0, height - 1).astype(np.intp)
         else:
             self._set_maps(*np.meshgrid(columns + _SEAM, np.clip(np.nan_to_num(rows), 0, height - 1)))
@@ -213,7 +217,9 @@ class Unwrapper:
     def _unmasked(self, world: Bool) -> Bool:
         """Pixels of the panorama that are made of pixels of the world alone."""
         if self._rows is not None and self._columns is not None:
-            return world[np.ix_(self._rows, self._columns)]
+            copied = world[np.ix_(self._rows, self._columns)]
+            # Between two columns, both count.
+            return copied if self._rest == 0.0 else copied & np.roll(copied, int(np.sign(self._rest)), axis=1)
         levels = world.astype(np.uint8) * np.uint8(255)
         if self._wraps:
             levels = cv2.copyMakeBorder(levels, 0, 0, _SEAM, _SEAM, cv2.BORDER_WRAP)
@@ -263,6 +269,12 @@ def _check_size(camera: AnyCamera, image_size: tuple[int, int]) -> None:
         faults.append(f"mask = {width} x {height} pixels: images have {found}; paint it on one of the images")
     if faults:
         raise CameraError(f"camera: {fault}" for fault in faults)
+
+
+def _within(levels: NDArray[np.floating[Any]], grey: Image) -> NDArray[np.float32]:
+    """Levels that an image can have: what is interpolated overshoots at edges."""
+    clipped: NDArray[np.float32] = np.clip(levels, 0.0, 65535.0 if grey.dtype == np.uint16 else 255.0).astype(np.float32)
+    return clipped
 
 
 def _samples(shrink: float) -> int:

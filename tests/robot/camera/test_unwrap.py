@@ -1,5 +1,5 @@
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from panoloc_mcl.robot.camera import (
+    Mask,
     OmniCamera,
     PanoramaCamera,
     PanoramaGeometry,
@@ -64,6 +65,34 @@ def test_any_turn_shows_what_the_turned_robot_sees(turn: float) -> None:
     azimuth = geometry.azimuth_of_column(np.arange(180))[None, :] + turn
     expected = picture(azimuth, geometry.elevation_of_row(np.arange(60))[:, None])
     assert np.abs(turned(smooth(geometry), turn) - expected).max() < 2.5
+
+
+@settings(max_examples=25)
+@given(st.floats(-7.0, 7.0), st.integers(1, 75), st.floats(0.0, 6.0))
+def test_fine_texture_is_turned_as_far_as_coarse(turn: float, waves: int, phase: float) -> None:
+    """Up to 2.4 columns a wave: a heading is read off all of them."""
+    geometry = PanoramaGeometry(180, 20, -50.0, 25.0)
+    azimuth = geometry.azimuth_of_column(np.arange(180))[None, :]
+    image = np.rint(128.0 + 100.0 * np.cos(waves * azimuth + phase)).astype(np.uint8).repeat(20, axis=0)
+    expected = 128.0 + 100.0 * np.cos(waves * (azimuth + turn) + phase)
+    assert np.abs(turned(image, turn) - expected).max() < 1.5
+
+
+@pytest.mark.parametrize("columns", [3.2, -0.6])
+@pytest.mark.parametrize("order", ["clockwise", "counterclockwise"])
+def test_between_columns_of_the_robot_nothing_is_world(columns: float, order: Literal["clockwise", "counterclockwise"]) -> None:
+    world = np.ones((HEIGHT, WIDTH), dtype=bool)
+    world[:, 20:24] = False
+    camera = PanoramaCamera(elevation_deg=(-50.0, 25.0), columns=order, mask=Mask(world))
+    valid = Unwrapper(camera, (WIDTH, HEIGHT), GEOMETRY, columns * 2.0 * np.pi / WIDTH).valid
+    assert valid is not None
+    levels = Unwrapper(camera.model_copy(update={"mask": None}), (WIDTH, HEIGHT), GEOMETRY, columns * 2.0 * np.pi / WIDTH)(
+        np.where(world, 255, 0).astype(np.uint8)
+    ).pixels
+    # The four columns lie on parts of five.
+    assert (~valid[0]).sum() == 5
+    assert levels[0][valid[0]].min() > 200.0
+    assert levels[0][~valid[0]].max() < 250.0
 
 
 def test_a_reference_is_brought_to_heading_zero() -> None:
