@@ -62,6 +62,8 @@ class Findings:
         One of the camera's images, for the picture.
     scene : ReferencesScene or None
         For the picture of views.
+    doubted : bool
+        Whether images agreed no better with what the search found, so that it says nothing.
     """
 
     before: AnyCamera
@@ -73,6 +75,7 @@ class Findings:
     body: FoundBody | None = None
     adjustment: Adjustment | None = None
     scene: ReferencesScene | None = None
+    doubted: bool = False
 
 
 def calibrate(
@@ -122,15 +125,17 @@ def calibrate(
     settings = VotesSettings()
     if not of_drives:
         start = references.__class__(
-            references.path, references.files, references.poses, found.camera, size, references.poses_of
+            references.path, references.files, references.poses, found.camera, size, references.poses_of, references.sds
         )
-        parameters = parameters_by_references(found.camera, placed=references.poses_of == "base")
+        coarse = ReferencesScene(start, settings, found.camera)
+        of_base = references.poses_of == "base"
+        parameters = parameters_by_references(found.camera, placed=of_base, place_sd_m=coarse.place_sd_m())
 
         def last(rough: AnyCamera) -> ReferencesScene:
             found.scene = ReferencesScene(start, settings, rough, columns=FINE_COLUMNS)
             return found.scene
 
-        _search(found, parameters, ReferencesScene(start, settings, found.camera), last, progress)
+        _search(found, parameters, coarse, last, progress)
         yard = references.__class__(
             references.path, references.files, references.poses, found.camera, size, references.poses_of
         )
@@ -215,7 +220,7 @@ def _take_over(found: Findings, adjustment: Adjustment, scene: Scene) -> None:
         if gain < _SIGNIFICANT * error:
             # A search has errors of its own; what shows in no image is not better.
             found.lines.append(f"kept as described, for images agree no better with what was found: {', '.join(differ)}")
-            differ, camera = {}, found.camera
+            differ, camera, found.doubted = {}, found.camera, True
     found.camera = camera
     found.estimates += [differ.get(one.parameter.name, one) for one in adjustment.estimates]
     told = [one for one in adjustment.estimates if one.observable]
@@ -239,7 +244,7 @@ def _place(found: Findings, tracked: Sequence[Any]) -> None:
     if not placements:
         return
     mount = found.camera.mounting
-    known = {one.parameter.name: one for one in found.estimates if one.observable}
+    known = {one.parameter.name: one for one in found.estimates if one.observable and not found.doubted}
     x, y, yaw, late = (
         pooled([getattr(one, name) for one in placements], [getattr(one, sd) for one in placements])
         for name, sd in (("x_m", "sd_x_m"), ("y_m", "sd_y_m"), ("yaw", "sd_yaw"), ("time_offset_s", "sd_time_s"))

@@ -27,7 +27,9 @@ def doubts(dataset: Dataset) -> list[str]:
     references = dataset.references
     try:
         scene = ReferencesScene(references, VotesSettings(), references.camera, _TARGETS)
-        parameters = parameters_by_references(references.camera, placed=references.poses_of == "base")
+        parameters = parameters_by_references(
+            references.camera, placed=references.poses_of == "base", place_sd_m=scene.place_sd_m()
+        )
         found = adjust(references.camera, parameters, scene, schedule=_STEPS)
     except PanolocError:
         return []

@@ -20,7 +20,7 @@ from panoloc_mcl.robot.map.camera_search.parameters import Parameter, of_mount, 
 ELEVATION_SCALE = "elevation scale"
 
 
-def parameters_by_references(camera: AnyCamera, *, placed: bool) -> list[Parameter]:
+def parameters_by_references(camera: AnyCamera, *, placed: bool, place_sd_m: float = 0.0) -> list[Parameter]:
     """What may be estimated of the camera that took the references, by their agreement with each other.
 
     Not the scale of elevations: floors and walls look the same to a camera that stands higher in proportion.
@@ -31,6 +31,8 @@ def parameters_by_references(camera: AnyCamera, *, placed: bool) -> list[Paramet
         As it is described.
     placed : bool
         Whether poses are the base's, so that the camera's place on it matters.
+    place_sd_m : float
+        What errors of the survey make of that place, metres (`ReferencesScene.place_sd_m`).
     """
     mount = camera.mounting
     found = [one for one in _of_optics(camera) if one.name != ELEVATION_SCALE]
@@ -42,9 +44,10 @@ def parameters_by_references(camera: AnyCamera, *, placed: bool) -> list[Paramet
         )
     found += of_tilt(mount)
     if placed:
+        accuracy = math.hypot(0.001, place_sd_m)
         found.append(of_mount("yaw", "deg", mount.yaw_deg, 1.0, 40.0, 0.03, "yaw_deg"))
-        found.append(of_mount("forward", "m", mount.x_m, 0.01, 0.4, 0.001, "x_m"))
-        found.append(of_mount("left", "m", mount.y_m, 0.01, 0.4, 0.001, "y_m"))
+        found.append(of_mount("forward", "m", mount.x_m, 0.01, 0.4, accuracy, "x_m"))
+        found.append(of_mount("left", "m", mount.y_m, 0.01, 0.4, accuracy, "y_m"))
     return found
 
 

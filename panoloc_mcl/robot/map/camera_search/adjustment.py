@@ -173,8 +173,9 @@ def adjust(
     """
     start = np.array([parameter.start for parameter in parameters])
     values = start if begin is None else np.array([begin[parameter.name] for parameter in parameters])
-    largest = np.array([parameter.largest for parameter in parameters])
-    free = np.ones(len(parameters), dtype=np.bool_)
+    largest, accuracy = (np.array([getattr(parameter, name) for parameter in parameters]) for name in ("largest", "accuracy"))
+    # What the search errs by more than that is left alone from the start: it would take others along.
+    free = accuracy < _OBSERVABLE * largest
     before, step = np.nan, np.zeros(len(parameters))
     equations: list[Equations] = []
     covariance = inverse = np.zeros((len(parameters), len(parameters)))
@@ -194,11 +195,10 @@ def adjust(
         values = values + step
         if round_ == len(schedule) // 2:
             # From here on only what the data tell; the rest would drift along with it.
-            free = np.sqrt(np.diag(covariance)) < _OBSERVABLE * largest
+            free &= np.sqrt(np.diag(covariance)) < _OBSERVABLE * largest
             values[~free] = start[~free]
         progress(min(round_ + 1, len(schedule)), len(schedule), "camera")
     # The last step is as much as the search has not settled.
-    accuracy = np.array([parameter.accuracy for parameter in parameters])
     covariance, inverse = (np.where(np.outer(free, free), one, 0.0) for one in (covariance, inverse))
     sd = np.where(free, np.sqrt(np.diag(covariance) + step**2 + accuracy**2), np.inf)
     estimates = tuple(Estimated(one, float(value), float(s)) for one, value, s in zip(parameters, values, sd, strict=True))

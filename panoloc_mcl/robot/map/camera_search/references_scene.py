@@ -35,6 +35,8 @@ _WALLS_M = np.geomspace(0.4, 15.0, 13)
 _FINE_PX = 1.0
 _SMOOTHING_DEG = 9.0
 _LOG_STEP = 0.03
+# How far off positions are that say nothing of it.
+_SURVEY_SD_M = 0.01
 _COARSE_PX = 2.0
 
 
@@ -103,6 +105,20 @@ class ReferencesScene:
             return self._references.poses
         mount = camera.mounting
         return compose(self._references.poses, np.array([mount.x_m, mount.y_m, mount.yaw]))
+
+    def place_sd_m(self) -> float:
+        """What errors of the survey make of the camera's place on the base, metres.
+
+        That place moves the way from one reference to another only by as much as the base turned between them: references that all
+        look the same way do not tell it, and small turns tell the errors of their positions instead.
+        """
+        poses, sds = self._references.poses, self._references.sds
+        pairs = np.array([(target, one) for target, some in zip(self.targets, self.neighbours, strict=True) for one in some])
+        swung = 2.0 * np.sin(0.5 * (poses[pairs[:, 1], 2] - poses[pairs[:, 0], 2]))
+        given = np.full(len(poses), np.nan) if sds is None else sds[:, 0]
+        of_ends = np.where(np.isfinite(given), given, _SURVEY_SD_M)[pairs]
+        information = float(np.sum(swung**2 / np.maximum((of_ends**2).sum(axis=1), 1e-12)))
+        return information**-0.5 if information > 0.0 else np.inf
 
     def views(
         self, camera: AnyCamera, panoramas: Sequence[Panorama], at: int, profile: Float64, sigma_px: float

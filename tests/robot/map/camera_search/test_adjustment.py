@@ -1,6 +1,6 @@
 """The search, and which of the found values are taken over."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -111,3 +111,12 @@ def test_images_that_agree_all_count_alike() -> None:
     accuracy = found.parameter.accuracy
     assert found.value == pytest.approx(errors.mean(), abs=0.1 / np.sqrt(400))
     assert np.sqrt(found.sd**2 - accuracy**2) == pytest.approx(0.1 / np.sqrt(400), rel=0.2)
+
+
+def test_what_the_search_cannot_tell_anyway_is_left_alone_from_the_start() -> None:
+    scene = Parabolas(5.0 + 0.1 * np.random.default_rng(0).normal(size=14))
+    (parameter,) = (one for one in parameters_by_references(CAMERA, placed=True) if one.name == "yaw")
+    hidden = replace(parameter, accuracy=parameter.largest)
+    (found,) = adjust(CAMERA, [hidden], scene, schedule=LAST_STEPS, more=MORE_STEPS).estimates
+    assert not found.observable
+    assert set(scene.values) == {0.0}

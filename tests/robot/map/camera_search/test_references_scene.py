@@ -1,11 +1,13 @@
 """Errors of a camera's description, found from references of a room that is cast ray by ray."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from oracles.rooms import BareRoom
 
 from panoloc_mcl.robot.camera import LinearProfile, Mount, OmniCamera, PanoramaCamera, PanoramaGeometry, PanoramaTarget
@@ -15,6 +17,7 @@ from panoloc_mcl.robot.references import References
 from panoloc_mcl.robot.settings.observation import VotesSettings
 from panoloc_mcl.tools.calibration.parameters import parameters_by_references
 
+Float64 = NDArray[np.float64]
 GEOMETRY = PanoramaGeometry(180, 72, -50.0, 25.0)
 TRUE = Mount(x_m=0.1, y_m=-0.05, yaw_deg=12.0)
 
@@ -103,3 +106,22 @@ def test_without_a_height_nothing_can_be_told(tmp_path: Path) -> None:
     references = room(tmp_path)
     with pytest.raises(DatasetError, match=r"camera\.height_m is not given"):
         ReferencesScene(references, VotesSettings(), references.camera.model_copy(update={"height_m": None}))
+
+
+def test_references_that_look_the_same_way_do_not_tell_the_place_of_the_camera(tmp_path: Path) -> None:
+    references = room(tmp_path)
+    headings = np.random.default_rng(0).normal(size=len(references))
+
+    def place_sd(turned: float, sds: Float64 | None = None) -> float:
+        poses = np.column_stack([references.poses[:, :2], turned * headings])
+        return ReferencesScene(replace(references, poses=poses, sds=sds), VotesSettings(), references.camera).place_sd_m()
+
+    assert place_sd(0.0) == np.inf
+    assert place_sd(0.004) > 0.1
+    assert place_sd(2.0) < 0.01
+    told = np.column_stack([np.full(len(references), 0.05), np.full(len(references), 0.01)])
+    assert place_sd(2.0, told) == pytest.approx(5.0 * place_sd(2.0))
+    # And what nobody can tell is left alone, and takes nothing along.
+    camera = references.camera
+    by_name = {one.name: one for one in parameters_by_references(camera, placed=True, place_sd_m=0.3)}
+    assert by_name["forward"].accuracy > 0.25 * by_name["forward"].largest
