@@ -23,6 +23,10 @@ from panoloc_mcl.robot.settings.observation import VotesSettings
 Complex64 = NDArray[np.complex64]
 Bool = NDArray[np.bool_]
 
+# More noise than world. Rendered rooms by day and by night have a share of noise of .02 to .2, photographs of a wood .2.
+_MOST_NOISE, _QUIETED_PX = 0.5, 1.0
+_ROWS_APART = 2
+
 
 def pad_circular(image: NDArray[Any], margin: int) -> NDArray[Any]:
     """Add ``margin`` columns on both sides that continue the image across its seam; ``margin`` may exceed the width."""
@@ -99,6 +103,47 @@ def orientations(panorama: Panorama, settings: VotesSettings) -> tuple[Complex64
         length = np.sqrt(energy / max(int(usable.sum()), 1))
         return z * np.float32(1.0 / (length + settings.contrast_floor)), usable
     return normalised_gradients(grey, bad, margin, settings.contrast_floor, settings.gradient == "doubled_angle"), usable
+
+
+def quiet(panorama: Panorama) -> Panorama:
+    """A panorama as it is, or smoothed by a pixel where noise makes more than half of the energy of its gradients: in near darkness.
+
+    Noise is what second differences both ways show (Immerkær, "Fast noise variance estimation", CVIU 1996), by their median, which
+    leaves texture out; smoothing takes 12 thirteenths of its gradients' energy, and much less of what the world shows.
+    """
+    if noise_share(panorama) <= _MOST_NOISE:
+        return panorama
+    margin = int(np.ceil(3.0 * _QUIETED_PX))
+    size = (2 * margin + 1, 2 * margin + 1)
+
+    def smoothed(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
+        return np.asarray(cv2.GaussianBlur(pad_circular(pixels, margin), size, _QUIETED_PX)[:, margin:-margin])
+
+    if panorama.valid is None:
+        return Panorama(smoothed(panorama.pixels))
+    # Only what is seen counts.
+    seen = panorama.valid.astype(np.float32)
+    mean = smoothed(panorama.pixels * seen) / np.maximum(smoothed(seen), np.float32(1e-6))
+    return Panorama((mean * seen).astype(np.float32), panorama.valid)
+
+
+def noise_share(panorama: Panorama) -> float:
+    """Of the energy of a panorama's gradients, what noise makes that differs from pixel to pixel; 0 where nothing is seen."""
+    # Every other row says as much.
+    above, here, below = panorama.pixels[:-2:_ROWS_APART], panorama.pixels[1:-1:_ROWS_APART], panorama.pixels[2::_ROWS_APART]
+    across = 0.5 * (below - above)
+    along = 0.5 * (here[:, 2:] - here[:, :-2])
+    down = above + below - 2.0 * here
+    second = np.abs(down[:, 2:] + down[:, :-2] - 2.0 * down[:, 1:-1])
+    energy = np.square(along) + np.square(across[:, 1:-1])
+    if panorama.valid is not None:
+        seen = cv2.erode(panorama.valid.astype(np.uint8), np.ones((3, 3), np.uint8))[1:-1:_ROWS_APART, 1:-1] > 0
+        second, energy = second[seen], energy[seen]
+    if not second.size:
+        return 0.0
+    # Of normal noise, the median deviation is 0.6745; the mask's weights have a norm of 6, and central differences halve the variance.
+    variance = (float(np.median(second)) / (6.0 * 0.6745)) ** 2
+    return variance / max(float(energy.mean()), 1e-12)
 
 
 def useless(panorama: Panorama, z: Complex64, usable: Bool, settings: VotesSettings) -> str:

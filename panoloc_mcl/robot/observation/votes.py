@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from panoloc_mcl.robot.camera import Panorama
-from panoloc_mcl.robot.eigenspace.gradients import check_filter_size, orientations, useless
+from panoloc_mcl.robot.eigenspace.gradients import check_filter_size, orientations, quiet, useless
 from panoloc_mcl.robot.observation.base import Arrays
 from panoloc_mcl.robot.observation.calibration import DIM, Calibration, calibrate
 from panoloc_mcl.robot.observation.correlator import Correlator, OfPlace
@@ -208,7 +208,7 @@ class VotesModel:
         return self._observe(panorama, None, expected)
 
     def _observe(self, panorama: Panorama, headings: Float64 | None, expected: Expected | None) -> VoteField:
-        panorama = at_resolution(panorama, self._shape)
+        panorama = quiet(at_resolution(panorama, self._shape))
         z, mask = orientations(panorama, self.settings)
         problem = useless(panorama, z, mask, self.settings)
         if problem:
@@ -232,7 +232,7 @@ class VotesModel:
     def rank(self, panorama: Panorama, position: Float64) -> int | None:
         """Of the place nearest to a position (2,), as retrieval ranks places for an image; None where no votes would find it."""
         assert self.retrieval is not None
-        z, mask = orientations(at_resolution(panorama, self._shape), self.settings)
+        z, mask = orientations(quiet(at_resolution(panorama, self._shape)), self.settings)
         return self.retrieval.rank(z, mask, self.settings.vote_width, int(self.places.nearest(position[None])[0]))
 
     def _votes(self, z: Complex64, mask: NDArray[np.bool_]) -> tuple[Float32, Asked | None]:

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from oracles import orientations as naive
 from oracles.scenes import COLUMNS, ROWS, panorama, texture
 
-from panoloc_mcl.robot.eigenspace.gradients import orientations, pad_circular
+from panoloc_mcl.robot.eigenspace.gradients import noise_share, orientations, pad_circular, quiet
 from panoloc_mcl.robot.settings.observation import VotesSettings
 
 KINDS = ["doubled_angle", "signed", "linear"]
@@ -169,3 +169,65 @@ def test_a_wide_gaussian_on_a_narrow_image_is_still_circular() -> None:
     shifted, _ = orientations(panorama(np.roll(image, 7, axis=1)), chosen)
     assert np.abs(shifted - np.roll(z, 7, axis=1)).max() < CLOSE
     assert cv2.norm(z.real) > 0.0
+
+
+def clouds(seed: int, columns: int = 180, rows: int = 72) -> np.ndarray:
+    """Texture of a few pixels and more, grey levels 128 give or take 40."""
+    rng = np.random.default_rng(seed)
+    blurred = cv2.GaussianBlur(np.tile(rng.normal(size=(rows, columns)), 3), (0, 0), 3.0)[:, columns : 2 * columns]
+    return (128.0 + 40.0 * blurred / blurred.std()).astype(np.float32)
+
+
+def noisy(image: np.ndarray, sd: float, seed: int = 0) -> np.ndarray:
+    return (image + np.random.default_rng([seed, 1]).normal(0.0, sd, image.shape)).astype(np.float32)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.8, 1.0])
+def test_the_share_of_noise_is_what_was_added(share: float, seed: int) -> None:
+    image = clouds(seed)
+    along, across = np.gradient(image, axis=1)[1:-1], np.gradient(image, axis=0)[1:-1]
+    energy = float(np.mean(np.square(along) + np.square(across)))
+    if share == 1.0:
+        image, variance = np.full_like(image, 128.0), 100.0
+    else:
+        # Noise of variance v adds v to the energy of central differences.
+        variance = share / (1.0 - share) * energy
+    assert noise_share(panorama(noisy(image, np.sqrt(variance), seed))) == pytest.approx(share, abs=0.07)
+
+
+def test_what_nobody_sees_has_no_noise() -> None:
+    image = noisy(clouds(0), 20.0)
+    image[:, 60:120] = 128.0
+    seen = np.ones(image.shape, dtype=bool)
+    seen[:, 60:120] = False
+    assert noise_share(panorama(image, seen)) > 1.5 * noise_share(panorama(clouds(0), seen))
+    assert noise_share(panorama(image, np.zeros(image.shape, dtype=bool))) == 0.0
+
+
+@given(st.integers(0, 1000), st.floats(0.0, 2.0))
+@settings(max_examples=20, deadline=None)
+def test_clear_images_stay_as_they_are(seed: int, sd: float) -> None:
+    image = panorama(noisy(clouds(seed), sd, seed))
+    assert quiet(image) is image
+
+
+@pytest.mark.parametrize("masked", [False, True])
+def test_an_image_of_more_noise_than_world_comes_nearer_to_the_world(masked: bool) -> None:
+    world = clouds(1)
+    seen = np.ones(world.shape, dtype=bool)
+    seen[:, 60:75] = not masked
+    image = noisy(world, 60.0)
+    image[~seen] = 0.0
+    found = quiet(panorama(image, seen if masked else None))
+    assert np.abs(found.pixels - world)[seen].mean() < 0.4 * np.abs(image - world)[seen].mean()
+    assert not found.pixels[~seen].any()
+    assert (found.valid is None) == (not masked)
+
+
+@given(st.integers(-200, 200))
+@settings(max_examples=10, deadline=None)
+def test_turning_a_noisy_image_turns_what_is_left_of_it(columns: int) -> None:
+    image = noisy(clouds(2), 60.0)
+    found = quiet(panorama(np.roll(image, columns, axis=1))).pixels
+    assert np.allclose(found, np.roll(quiet(panorama(image)).pixels, columns, axis=1), atol=1e-3)
