@@ -43,6 +43,9 @@ def test_a_wrong_height_costs_accuracy_and_is_found(small_room, tmp_path, monkey
         for name, when in (("as it is", "before"), ("height", "before"), ("height", "after"))
     )
     assert before[0] > 3.0 * right[0]
+    # Of twelve images this is one image.
+    assert before[1] > 2.5 * right[1]
+    assert before[0] > 2.5 * after[0]
     assert after[0] < 0.5 * before[0]
     assert rows["height"]["images"] == rows["as it is"]["images"] == len(next(iter(small_room.sequences.values())))
     (height,) = (row for row in tables[-1]["rows"] if row["unknown"] == "height [m]")
