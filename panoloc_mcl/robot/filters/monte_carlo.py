@@ -102,7 +102,7 @@ class MonteCarloFilter:
         self._shared: SharedError | None = None
         self._answer: FilterState | None = None
         # What the last image told for the belief.
-        self._backing, self._vouches = math.nan, True
+        self._backing, self._vouches = math.nan, not nothing_known
         self._set = ParticleSet(drawn_from(start, places, settings.particles, self._next_step()), settings.threads)
 
     @property
@@ -286,8 +286,10 @@ class MonteCarloFilter:
         if votes.informative:
             memory.place_votes = float(votes.read(clusters[0].pose[None])[0])
             memory.seen, memory.way = tuple(votes.best_pose.tolist()), 0.0
-            self._vouches = vouches_for(clusters[0], votes, offset is not None, self.status_settings)
-            memory.vouched = self._vouches or (before and (memory.sure or not memory.known))
+            seconded, self._vouches = self._vouches, vouches_for(clusters[0], votes, offset is not None, self.status_settings)
+            # Noise differs from image to image: two that agree are not wrong by it.
+            enough = self._vouches and (seconded or not votes.noisy)
+            memory.vouched = enough or (before and (memory.sure or not memory.known))
         self._answer = self._judged(clusters)
         memory.sure = self._answer.status is Status.CONVERGED
         if votes.informative and not memory.sure:

@@ -60,6 +60,8 @@ class VoteField:
         model does not know.
     asked : Asked or None
         The places that the c columns are of, where the map has too many to ask them all; None: of all, in order.
+    noisy : bool
+        The image shows more noise than world (see `eigenspace.gradients.quiet`).
     """
 
     votes: Float32
@@ -72,6 +74,7 @@ class VoteField:
     confidence: float = float("nan")
     at_every_heading: Float32 | None = None
     asked: Asked | None = None
+    noisy: bool = False
 
     @property
     def informative(self) -> bool:

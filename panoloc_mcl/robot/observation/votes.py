@@ -208,19 +208,23 @@ class VotesModel:
         return self._observe(panorama, None, expected)
 
     def _observe(self, panorama: Panorama, headings: Float64 | None, expected: Expected | None) -> VoteField:
-        panorama = quiet(at_resolution(panorama, self._shape))
+        as_seen = at_resolution(panorama, self._shape)
+        panorama = quiet(as_seen)
+        noisy = panorama is not as_seen
         z, mask = orientations(panorama, self.settings)
         problem = useless(panorama, z, mask, self.settings)
         if problem:
             at = self._headings if headings is None else headings
             return silent_field(at, self.places, problem, headings is None)
-        followed = None if expected is None or self._refiner is None else self._followed(self._refiner, z, mask, expected)
+        followed = (
+            None if expected is None or self._refiner is None else self._followed(self._refiner, z, mask, expected, noisy)
+        )
         proven = followed is not None and self._proves(followed)
         everywhere = expected is not None and expected.everywhere
         if followed is not None and proven and not everywhere:
             return followed
         votes, asked = self._votes(z, mask)
-        field = VoteField(votes, self._headings, self.places, self._tolerance_of(votes), asked=asked)
+        field = VoteField(votes, self._headings, self.places, self._tolerance_of(votes), asked=asked, noisy=noisy)
         if headings is not None:
             best, votes = votes.max(axis=1), at_headings(votes, headings)
             return replace(field, votes=votes, headings=headings, full_circle=False, at_every_heading=best)
@@ -241,11 +245,15 @@ class VotesModel:
             return self._correlator.votes(z, mask, self.settings.vote_width), None
         return self.retrieval.votes(z, mask, self.settings.vote_width)
 
-    def _followed(self, refiner: PoseRefiner, z: Complex64, mask: NDArray[np.bool_], expected: Expected) -> VoteField | None:
+    def _followed(
+        self, refiner: PoseRefiner, z: Complex64, mask: NDArray[np.bool_], expected: Expected, noisy: bool
+    ) -> VoteField | None:
         """The votes at a glance, with the pose measured from the expected one; None where either points elsewhere."""
         asked = None if self.retrieval is None else self.retrieval.near(expected.pose[:2])
         votes = self._correlator.glance(z, self.settings.vote_width, None if asked is None else asked.places)
-        field = VoteField(votes, _around_the_circle(len(votes)), self.places, self._tolerance_of(votes), asked=asked)
+        field = VoteField(
+            votes, _around_the_circle(len(votes)), self.places, self._tolerance_of(votes), asked=asked, noisy=noisy
+        )
         if not expected.fits(field):
             return None
         measured = refiner.follow(z, mask, expected.pose, expected.near)

@@ -229,7 +229,8 @@ class StatusSettings(StrictModel):
     converged_confidence: Share = Field(
         0.75,
         description="To become converged, an image must have been seen whose pose is right with at least this probability, where the "
-        "map can tell: several doubtful images that agree may all be wrong alike, as outside the mapped part.",
+        "map can tell: several doubtful images that agree may all be wrong alike, as outside the mapped part. Of images that "
+        "show more noise than world, two must agree.",
     )
     ambiguous_mass: Share = Field(0.2, description="Ambiguous: two or more clusters hold more than this share each.")
     lost_match: Share = Field(

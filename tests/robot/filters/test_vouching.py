@@ -1,5 +1,7 @@
 """Images that doubt themselves do not add up to a sure belief, whatever an image that is sure of another pose said between them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from oracles.fields import hills, moved
@@ -16,9 +18,9 @@ HERE, THERE = np.array([1.3, 1.6, 0.5]), np.array([4.0, 3.0, -2.5])
 COVARIANCE = np.diag([0.004, 0.004, np.radians(0.1)]) ** 2
 
 
-def image_of(pose: np.ndarray, confidence: float):
+def image_of(pose: np.ndarray, confidence: float, noisy: bool = False):
     measured = PoseMeasurement(pose, COVARIANCE, np.zeros(2), Agreement(0.9, np.full(24, 0.9), 0.9))
-    return hills(PLACES, pose).with_measurement(measured).judged(confidence, "")
+    return replace(hills(PLACES, pose), noisy=noisy).with_measurement(measured).judged(confidence, "")
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -79,3 +81,38 @@ def test_an_image_tells_how_far_it_speaks_for_the_belief(seed: int) -> None:
     assert not astray.vouches
     assert astray.backing < 1.0
     assert told(THERE, 0.6).backing < astray.backing
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("second", ["noisy", "clear"])
+def test_an_image_of_more_noise_than_world_needs_a_second_one(seed: int, second: str) -> None:
+    belief = MonteCarloFilter(PLACES, Start(), MonteCarloSettings(particles=500), StatusSettings(), np.random.default_rng(seed))
+    belief.update(image_of(HERE, 0.95, noisy=True))
+    assert belief.state().status is Status.SEARCHING
+    assert np.hypot(*(belief.state().clusters[0].pose - HERE)[:2]) < 0.1
+    belief.propagate(moved(0.3, 0.0, 0.0))
+    ahead = HERE + 0.3 * np.array([np.cos(HERE[2]), np.sin(HERE[2]), 0.0])
+    belief.update(image_of(ahead, 0.9, noisy=second == "noisy"))
+    assert belief.state().status is Status.CONVERGED
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("confidence", [0.76, 0.9, 0.99])
+def test_two_images_of_noise_that_do_not_agree_make_nothing_sure(seed: int, confidence: float) -> None:
+    belief = MonteCarloFilter(PLACES, Start(), MonteCarloSettings(particles=500), StatusSettings(), np.random.default_rng(seed))
+    for pose in (HERE, THERE):
+        belief.update(image_of(pose, confidence, noisy=True))
+        assert belief.state().status is not Status.CONVERGED
+        belief.propagate(moved(0.3, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("noisy", [False, True])
+def test_who_was_carried_off_into_the_dark_is_sure_an_image_later(noisy: bool) -> None:
+    belief = MonteCarloFilter(PLACES, Start(), MonteCarloSettings(particles=500), StatusSettings(), np.random.default_rng(0))
+    statuses = []
+    for pose in (HERE, HERE, THERE, THERE, THERE):
+        belief.update(image_of(pose, 0.97, noisy=noisy and pose is THERE))
+        belief.propagate(moved(0.01, 0.0, 0.0))
+        statuses.append(belief.state().status)
+    assert statuses[:3] == [Status.CONVERGED, Status.CONVERGED, Status.LOST]
+    assert statuses[3:] == [Status.SEARCHING if noisy else Status.CONVERGED, Status.CONVERGED]

@@ -87,6 +87,14 @@ def test_light_changes_little(change) -> None:
     assert field.peak.votes > 0.8
 
 
+@pytest.mark.parametrize("sd", [0.0, 4.0, 80.0, 120.0])
+def test_a_field_says_whether_its_image_is_noise_for_the_most_part(sd: float) -> None:
+    image = turned(texture(4), 11) + np.random.default_rng(0).normal(0.0, sd, (ROWS, COLUMNS))
+    field = MODEL.observe(panorama(image.astype(np.float32)))
+    assert field.noisy == (sd > 10.0)
+    assert field.judged(0.9, "").noisy == field.noisy
+
+
 @pytest.mark.parametrize(
     ("image", "words"),
     [(np.zeros((ROWS, COLUMNS)), "black"), (np.full((ROWS, COLUMNS), 255), "saturated"),
