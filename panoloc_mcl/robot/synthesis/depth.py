@@ -125,10 +125,10 @@ def _tried(synthesizer: ViewSynthesizer, settings: VotesSettings) -> Float64:
 def _profile(index: int, neighbours: list[int], synthesizer: ViewSynthesizer, settings: VotesSettings) -> Float64:
     tried = _tried(synthesizer, settings)
     logs = tried[:, 0]
-    coarse = _peaks(_scores(index, neighbours, np.exp(tried), synthesizer, settings), tried)
+    coarse = best_of_columns(_scores(index, neighbours, np.exp(tried), synthesizer, settings), tried)
     # Again around the best of every column: a peak between two of a few distances is off by some percent, and always to one side.
     around = coarse + (logs[1] - logs[0]) * np.array(_CLOSER)[:, None]
-    fine = _peaks(_scores(index, neighbours, np.exp(around), synthesizer, settings), around)
+    fine = best_of_columns(_scores(index, neighbours, np.exp(around), synthesizer, settings), around)
     return np.asarray(np.exp(np.clip(fine, logs[0], logs[-1])))
 
 
@@ -152,8 +152,19 @@ def _scores(
     )
 
 
-def _peaks(score: Float64, logs: Float64) -> Float64:
-    """Logarithm of the wall distance of the highest score of every column, between those tried (k, columns) by a parabola."""
+def best_of_columns(score: Float64, logs: Float64) -> Float64:
+    """Where every column's score is highest, between what was tried by a parabola.
+
+    Parameters
+    ----------
+    score : float64 (k, columns)
+    logs : float64 (k, columns)
+        What was tried, logarithms of distances in equal steps.
+
+    Returns
+    -------
+    float64 (columns,)
+    """
     columns = np.arange(score.shape[1])
     best = np.argmax(score, axis=0)
     inner = np.clip(best, 1, len(score) - 2)

@@ -6,12 +6,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.robot.kernels.elementary import exponential
-from panoloc_mcl.robot.kernels.jit import kernel, vector_kernel
+from panoloc_mcl.robot.kernels.jit import inlined, kernel, vector_kernel
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
 _NONE, _LEAST = np.float32(0.0), np.finfo(np.float32).tiny
+
+
+@inlined
+def _fallen(votes: np.float32, most: np.float32, steepness: np.float32) -> np.float32:
+    """The Gaussian of what votes fall short of the most."""
+    missing = most - votes
+    # Not max(): what is no number is to stay none.
+    short = _NONE if missing < _NONE else missing
+    return exponential(steepness * short * short)
 
 
 @vector_kernel
@@ -46,10 +55,7 @@ def to_likelihoods(votes: Float32, best: float, tolerance: float, sharpness: flo
     steepness, least = np.float32(-0.5 * sharpness / (tolerance * tolerance)), np.float32(floor)
     most, rest = np.float32(best), np.float32(1.0 - floor)
     for i in range(votes.shape[0]):
-        missing = most - votes[i]
-        # Not max(): what is no number is to stay none.
-        short = _NONE if missing < _NONE else missing
-        votes[i] = least + rest * exponential(steepness * short * short)
+        votes[i] = least + rest * _fallen(votes[i], most, steepness)
 
 
 @vector_kernel
@@ -61,9 +67,7 @@ def sums_of_likelihoods(votes: Float32, every: int, best: float, tolerance: floa
     for number in range(0, votes.shape[0], every):
         row = votes[number]
         for i in range(sums.shape[0]):
-            missing = most - row[i]
-            short = _NONE if missing < _NONE else missing
-            sums[i] += exponential(steepness * short * short)
+            sums[i] += _fallen(row[i], most, steepness)
     return sums.astype(np.float64)
 
 

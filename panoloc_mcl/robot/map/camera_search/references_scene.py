@@ -26,6 +26,7 @@ from panoloc_mcl.robot.map.camera_search.features import (
 )
 from panoloc_mcl.robot.references import References
 from panoloc_mcl.robot.settings.observation import VotesSettings
+from panoloc_mcl.robot.synthesis.depth import best_of_columns
 
 Float64 = NDArray[np.float64]
 
@@ -149,6 +150,7 @@ class ReferencesScene:
         panoramas = self.panoramas(camera)
         # Odd: an even number of columns has no middle, and walls half a column aside look like a camera that is turned.
         width = 2 * round(0.5 * (_SMOOTHING_DEG * self.geometry.width / 360.0 - 1.0)) + 1
+        tried = np.repeat(np.log(_WALLS_M)[:, None], self.geometry.width, axis=1)
         profiles, common, energy = [], 0.0, 0.0
         for at in range(len(self.targets)) if targets is None else targets:
             mine = self.own(panoramas, at, sigma_px)
@@ -163,7 +165,7 @@ class ReferencesScene:
             score = commons / np.maximum(energies, 1e-3 + 0.05 * energies.max())
             best = np.argmax(score, axis=0)
             columns = np.arange(len(best))
-            profiles.append(_between_walls(score, best))
+            profiles.append(np.exp(best_of_columns(score, tried)))
             common += float(commons[best, columns].sum())
             energy += float(energies[best, columns].sum())
         if targets is None:
@@ -215,14 +217,3 @@ class ReferencesScene:
 
 def _without_yaw(camera: AnyCamera) -> AnyCamera:
     return camera.model_copy(update={"mount": camera.mounting.model_copy(update={"yaw_deg": 0.0})})
-
-
-def _between_walls(score: Float64, best: NDArray[np.int64]) -> Float64:
-    """Distance of the highest score of every column, between the distances tried by a parabola."""
-    columns = np.arange(score.shape[1])
-    inner = np.clip(best, 1, len(score) - 2)
-    before, here, after = (score[inner + step, columns] for step in (-1, 0, 1))
-    curvature = before - 2.0 * here + after
-    sharp = (curvature < 0.0) & (inner == best)
-    offset = np.where(sharp, 0.5 * (before - after) / np.where(sharp, curvature, -1.0), 0.0)
-    return np.asarray(np.exp(np.log(_WALLS_M[best]) + offset * np.log(_WALLS_M[1] / _WALLS_M[0])))
