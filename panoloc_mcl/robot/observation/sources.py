@@ -96,7 +96,8 @@ def _synthesizer(
         note = "no virtual places: the camera's height is not known; give camera.height_m in dataset.yaml"
         return None, everyone, (note,)
     if len(np.unique(references.positions, axis=0)) < 2:
-        return None, everyone, ("no virtual places: a single reference has no neighbours to see depth with",)
+        alone = "a single reference has" if len(references) == 1 else "references that were all taken at one place have"
+        return None, everyone, (f"no virtual places: {alone} no neighbours to see depth with",)
     profiles = sweep_profiles(references, height, settings, progress, threads, parts=parts)
     # As the map file keeps them, so that a map that was loaded gives the same votes to the last bit.
     profiles = profiles.astype(np.float32).astype(np.float64)

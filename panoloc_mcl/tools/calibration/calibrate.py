@@ -293,7 +293,7 @@ def _estimate(name: str, unit: str, given: float, value: float, sd: float) -> Es
 
 
 def table_of(found: Findings) -> list[tuple[str, str, str, str]]:
-    """Rows of name, value before, value after, standard deviation."""
+    """Rows of name, value as described, value as found (whether it is taken over, the verdicts say), standard deviation."""
     rows = []
     for one in found.estimates:
         unit = one.parameter.unit

@@ -63,7 +63,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _print_table(found: list[tuple[str, str, str, str]]) -> None:
-    rows = [("", "before", "after", "standard deviation"), *found]
+    rows = [("", "described", "found", "standard deviation"), *found]
     widths = [max(len(row[column]) for row in rows) for column in range(4)]
     for name, *cells in rows:
         right = (cell.rjust(width) for cell, width in zip(cells, widths[1:], strict=True))
