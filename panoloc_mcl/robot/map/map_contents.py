@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from panoloc_mcl.robot.camera import PanoramaGeometry, camera_from_mapping, to_mapping
 from panoloc_mcl.robot.map.keyframes import Keyframes
@@ -68,6 +69,8 @@ def fields(header: dict[str, Any], tensors: Tensors, source: str) -> dict[str, A
     positions = tensors["references.positions"]
     if positions.shape != (len(pixels), 2) or not np.isfinite(positions).all():
         raise ValueError(f"{len(pixels)} references, but positions of shape {positions.shape} or not finite")
+    model = part(tensors, "model")
+    _check_used(model.get("used"), len(pixels))
     camera = camera_from_mapping(header["camera"], source)
     references = ReferencePanoramas(
         pixels=pixels,
@@ -84,12 +87,21 @@ def fields(header: dict[str, Any], tensors: Tensors, source: str) -> dict[str, A
         "image_size": (header["image_size"][0], header["image_size"][1]),
         "observation": all_observation_settings().model_validate(header["observation"]),
         "seed": header["seed"],
-        "arrays": part(tensors, "model"),
+        "arrays": model,
         "keyframes": _keyframes(references, part(tensors, "keyframes"), header.get("keyframes")),
         "notes": tuple(str(note) for note in header.get("notes", ())),
         "found_body": bool(header.get("found_body", False)),
         "found_tilt": bool(header.get("found_tilt", False)),
     }
+
+
+def _check_used(used: NDArray[Any] | None, count: int) -> None:
+    """Refuse references that views are made from, but that are not there."""
+    if used is None:
+        return
+    whole = used.ndim == 1 and used.dtype.kind in "iu" and len(used) > 0
+    if not whole or used[0] < 0 or used[-1] >= count or (used[1:] <= used[:-1]).any():
+        raise ValueError(f"views are made from references that are not among its {count}")
 
 
 def _keyframes(references: ReferencePanoramas, arrays: Tensors, header: dict[str, Any] | None) -> Keyframes:

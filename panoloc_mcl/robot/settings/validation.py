@@ -39,7 +39,7 @@ Model = TypeVar("Model", bound=StrictModel)
 
 
 # Of a file that people write: more is an accident, or meant to do harm.
-_LONGEST_TEXT, _DEEPEST, _MOST_VALUES = 1_000_000, 40, 20_000
+_CHARACTERS_A_VALUE, _DEEPEST, _MOST_VALUES = 50, 40, 20_000
 
 
 class _UniqueKeyLoader(yaml.SafeLoader):
@@ -97,7 +97,7 @@ class _Dumper(yaml.SafeDumper):
     }
 
 
-def _check_size(text: str) -> None:
+def _check_size(text: str, most_values: int) -> None:
     """Refuse what would take the time or the memory of the machine, before anything is made of it.
 
     Raises
@@ -109,8 +109,9 @@ def _check_size(text: str) -> None:
     def refuse(problem: str, mark: Any = None) -> NoReturn:
         raise yaml.MarkedYAMLError(problem=problem, problem_mark=mark)
 
-    if len(text) > _LONGEST_TEXT:
-        refuse(f"{len(text)} characters, at most {_LONGEST_TEXT} are read")
+    longest = _CHARACTERS_A_VALUE * most_values
+    if len(text) > longest:
+        refuse(f"{len(text)} characters, at most {longest} are read")
     # Values below each open node, and what each anchor stands for.
     counts: list[int] = [0]
     names: list[str | None] = [None]
@@ -137,11 +138,11 @@ def _check_size(text: str) -> None:
             counts[-1] += count
             if name:
                 anchors[name] = count
-        if counts[-1] > _MOST_VALUES:
-            refuse(f"more than {_MOST_VALUES} values, aliases counted as what they stand for", event.start_mark)
+        if counts[-1] > most_values:
+            refuse(f"more than {most_values} values, aliases counted as what they stand for", event.start_mark)
 
 
-def parse_yaml(text: str, source: str, *, locate: bool = True) -> Any:
+def parse_yaml(text: str, source: str, *, locate: bool = True, most_values: int = _MOST_VALUES) -> Any:
     """Parse YAML text safely.
 
     Parameters
@@ -151,6 +152,8 @@ def parse_yaml(text: str, source: str, *, locate: bool = True) -> Any:
         What to call it in a fault.
     locate : bool
         Add line and column to that; pointless where the text is but one value.
+    most_values : int
+        Of more values, or of a text that is very long for so many, nothing is read.
 
     Raises
     ------
@@ -158,7 +161,7 @@ def parse_yaml(text: str, source: str, *, locate: bool = True) -> Any:
         Not YAML, or a key given twice.
     """
     try:
-        _check_size(text)
+        _check_size(text, most_values)
         return yaml.load(text, Loader=_UniqueKeyLoader)
     except (ValueError, OverflowError, RecursionError) as error:
         # Such as a 13th month, or a number of five thousand digits.

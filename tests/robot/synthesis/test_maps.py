@@ -9,6 +9,7 @@ from oracles.scenes import grid
 from threadpoolctl import threadpool_limits
 
 from panoloc_mcl.robot.camera import Panorama, PanoramaCamera
+from panoloc_mcl.robot.errors import MapError
 from panoloc_mcl.robot.files import CACHE_VARIABLE
 from panoloc_mcl.robot.geometry import angle_difference
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
@@ -71,6 +72,24 @@ def test_a_loaded_map_says_the_same_to_the_last_bit(built, image, tmp_path: Path
         assert np.array_equal(field.measurement.agreement.sectors, fields[0].measurement.agreement.sectors)
         for name in ("pose", "covariance", "tilt"):
             assert np.array_equal(getattr(field.measurement, name), getattr(fields[0].measurement, name))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda used: used + len(used),
+        lambda used: used - 1,
+        lambda used: used[::-1].copy(),
+        lambda used: used.astype(np.float64),
+        lambda used: used[:0],
+        lambda used: np.where(used == used.max(), 2**60, used),
+    ],
+)
+def test_a_map_whose_views_are_of_references_that_are_not_there_is_refused(built, tmp_path: Path, change) -> None:
+    arrays = {**built.arrays, "used": change(np.asarray(built.arrays["used"]))}
+    replace(built, arrays=arrays).save(tmp_path / "damaged.panomap")
+    with pytest.raises(MapError, match=r"damaged\.panomap.*views are made from references that are not among"):
+        PanoramaMap.load(tmp_path / "damaged.panomap")
 
 
 def test_a_map_does_not_depend_on_the_threads(built) -> None:

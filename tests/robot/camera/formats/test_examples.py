@@ -158,7 +158,7 @@ def test_a_damaged_file_is_named(tmp_path: Path, text: str, words: list[str]) ->
     "head", ["%YAML:1784771\n--\n", "%YAML:17847715128717\n   mv: 190.9\n.0\n--\n", "%YAML:1.0\n--\n", "%", "%YAML:2.0\n---\n"]
 )
 def test_opencv_files_with_a_damaged_head_are_one_line_and_do_not_hang(head: str, tmp_path: Path) -> None:
-    """Some of them keep OpenCV's own parser busy for ever, so a process of its own reads them."""
+    """Some of them kept OpenCV's own parser busy for ever, so a process of its own reads them."""
     text = (EXAMPLES / "camodocal_kannala_brandt.yaml").read_text().partition("---\n")[2]
     path = tmp_path / "damaged.yaml"
     path.write_text(head + text)
@@ -169,6 +169,44 @@ def test_opencv_files_with_a_damaged_head_are_one_line_and_do_not_hang(head: str
     )
     done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, timeout=10, check=False)
     assert done.stdout == "refused 1\n", done.stderr
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        # What OpenCV's own parser ran on over for ever, and what made it end the process.
+        ("camodocal_mei.yaml", ("   gamma1: 669.8940458885896\n", "%YAML:1.0\n")),
+        ("camodocal_mei.yaml", ("---\n", "\xad--\n")),
+        ("fisheye.yaml", ("cols: 3", "cols: 1e-320")),
+        ("fisheye.yaml", ("cols: 3", "cols: 99999999999")),
+        ("fisheye.yaml", ("rows: 3", "rows: 2")),
+        ("fisheye.yaml", ("dt: d", "dt: z")),
+        ("fisheye.yaml", ("data: [ 361.2, 0.,", "data: [ 361.2, [0.],")),
+        ("fisheye.yaml", ("image_height: 960\n", "")),
+    ],
+)
+def test_damaged_opencv_files_are_one_line(name: str, change: tuple[str, str], tmp_path: Path) -> None:
+    text = (EXAMPLES / name).read_text()
+    assert change[0] in text
+    path = tmp_path / "damaged.yaml"
+    path.write_text(text.replace(*change, 1), encoding="utf-8")
+    if change[1] == "":
+        assert "size_px" not in read_calibration(path).mapping()
+        return
+    with pytest.raises(CameraError) as caught:
+        read_calibration(path)
+    (line,) = caught.value.faults
+    assert "damaged.yaml" in line
+    assert "\n" not in line
+
+
+def test_opencv_files_may_hold_numbers_as_opencv_writes_them_and_all_that_was_calibrated_with(tmp_path: Path) -> None:
+    text = (EXAMPLES / "fisheye.yaml").read_text().replace("0.0211", "211e-4").replace("-0.0132", "-.0132")
+    points = ", ".join(f"{0.5 * number}" for number in range(40_000))
+    text += f'image_points: !!opencv-matrix\n   rows: 50\n   cols: 400\n   dt: "2f"\n   data: [ {points} ]\n'
+    path = tmp_path / "whole.yml"
+    path.write_text(text)
+    assert read_calibration(path).mapping() == read_calibration(EXAMPLES / "fisheye.yaml").mapping()
 
 
 @pytest.mark.parametrize(
