@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from panoloc_mcl.laboratory.studies.robustness import fuzz as package
 from panoloc_mcl.laboratory.studies.robustness.fuzz import Input, fuzz, mutated, originals, study
-from panoloc_mcl.robot.errors import PanolocError
+from panoloc_mcl.robot.errors import ConfigError, PanolocError
 
 EXAMPLES = sorted((Path(__file__).parents[3] / "robot" / "camera" / "formats" / "examples").iterdir())
 
@@ -42,6 +42,16 @@ def test_no_damage_is_more_than_a_known_error() -> None:
     assert {kind: dict(tally.failures) for kind, tally in tallies.items() if tally.failures} == {}
     assert sum(tally.inputs for tally in tallies.values()) == 250
     assert sum(tally.refused for tally in tallies.values()) > 50
+
+
+@pytest.mark.slow
+def test_some_kinds_have_the_inputs_that_they_have_among_all() -> None:
+    everything = fuzz(60, seed=3)
+    some = fuzz(60, seed=3, patterns=["PNG", "saved*"])
+    assert list(some) == ["PNG", "saved state"]
+    assert some == {name: everything[name] for name in some}
+    with pytest.raises(ConfigError, match=r"--kinds nothing: no such kind; known: configuration of a run, .*PNG"):
+        fuzz(60, seed=3, patterns=["nothing"])
 
 
 def _dies(root: Path, file: Path) -> None:

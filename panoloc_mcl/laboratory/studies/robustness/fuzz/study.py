@@ -11,9 +11,10 @@ import tempfile
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import FrameType
@@ -24,7 +25,7 @@ import numpy as np
 from panoloc_mcl.laboratory.reports import Report
 from panoloc_mcl.laboratory.studies.robustness.fuzz.inputs import Input, originals
 from panoloc_mcl.laboratory.studies.robustness.fuzz.mutations import mutated
-from panoloc_mcl.robot.errors import PanolocError
+from panoloc_mcl.robot.errors import ConfigError, PanolocError
 from panoloc_mcl.robot.progress import Progress, no_progress
 
 # An input may take this long, and its process so much memory beside what it has.
@@ -46,7 +47,13 @@ class Tally:
     examples: dict[str, int] = field(default_factory=dict)
 
 
-def study(inputs: int = 2000, seed: int = 0, extra: Iterable[Path] = (), progress: Progress = no_progress) -> Report:
+def study(
+    inputs: int = 2000,
+    seed: int = 0,
+    extra: Iterable[Path] = (),
+    progress: Progress = no_progress,
+    patterns: Sequence[str] = ("*",),
+) -> Report:
     """Damage files of every kind and read them.
 
     Parameters
@@ -57,10 +64,18 @@ def study(inputs: int = 2000, seed: int = 0, extra: Iterable[Path] = (), progres
     extra : iterable of Path
         Calibration files of other tools.
     progress : callable (done, total, what)
+    patterns : sequence of str
+        Of the kinds that are damaged; the same inputs of them, whatever others there are.
+
+    Raises
+    ------
+    ConfigError
+        No kind has such a name.
     """
-    tallies = fuzz(inputs, seed, extra, progress)
+    tallies = fuzz(inputs, seed, extra, progress, patterns)
     report = Report(
-        f"{inputs} damaged files, seed {seed}. Each is read, or refused by known errors of one line each. Failures: any other error, "
+        f"{sum(tally.inputs for tally in tallies.values())} damaged files, seed {seed}. "
+        f"Each is read, or refused by known errors of one line each. Failures: any other error, "
         f"more than {_MOST_S:g} s, {_MOST_MB} MB more than before, a process that dies, a file that was not there before."
     )
     table = report.table("What became of them", ("kind", "inputs", "read all the same", "refused in a line", "failures"))
@@ -77,23 +92,34 @@ def study(inputs: int = 2000, seed: int = 0, extra: Iterable[Path] = (), progres
     return report
 
 
-def fuzz(inputs: int, seed: int, extra: Iterable[Path] = (), progress: Progress = no_progress) -> dict[str, Tally]:
+def fuzz(
+    inputs: int,
+    seed: int,
+    extra: Iterable[Path] = (),
+    progress: Progress = no_progress,
+    patterns: Sequence[str] = ("*",),
+) -> dict[str, Tally]:
     """Damage and read; the tally of every kind."""
     with tempfile.TemporaryDirectory(prefix="panoloc_fuzz_") as place:
         good = Path(place) / "good"
         good.mkdir()
         kinds = originals(good, extra)
+        asked = {kind.kind for kind in kinds if any(fnmatchcase(kind.kind, pattern) for pattern in patterns)}
+        if not asked:
+            raise ConfigError(f"--kinds {' '.join(patterns)}: no such kind; known: {', '.join(kind.kind for kind in kinds)}")
         for kind in kinds:
             # A file that is refused before it is damaged would hide everything.
             kind.read(good, kind.files[0])
-        tallies = {kind.kind: Tally() for kind in kinds}
-        done = 0
-        for number, kind in enumerate(kinds):
-            # Evenly, the first kinds one more if it does not divide.
-            for begin in range(0, count := inputs // len(kinds) + (number < inputs % len(kinds)), _BATCH):
-                _batch(kind, good, Path(place) / "work", seed, range(begin, min(begin + _BATCH, count)), tallies[kind.kind])
-                done += min(_BATCH, count - begin)
-                progress(done, inputs, f"fuzz, {kind.kind}")
+        # Evenly, the first kinds one more if it does not divide.
+        counts = {kind.kind: inputs // len(kinds) + (number < inputs % len(kinds)) for number, kind in enumerate(kinds)}
+        tallies = {kind.kind: Tally() for kind in kinds if kind.kind in asked}
+        done, total = 0, sum(counts[name] for name in tallies)
+        for kind in kinds:
+            for begin in range(0, counts[kind.kind] if kind.kind in asked else 0, _BATCH):
+                numbers = range(begin, min(begin + _BATCH, counts[kind.kind]))
+                _batch(kind, good, Path(place) / "work", seed, numbers, tallies[kind.kind])
+                done += len(numbers)
+                progress(done, total, f"fuzz, {kind.kind}")
     return tallies
 
 
