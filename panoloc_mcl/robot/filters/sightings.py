@@ -54,13 +54,14 @@ class Sightings:
     ----------
     limits : StatusSettings
     telling_way_m : float
-        So far the robot must drive, with images that go on agreeing, before a pose that the map alone cannot tell from its twins is
-        known (see `telling_way`).
+        So far the robot must drive, from one image that is sure of the pose to another, before a pose that the map alone cannot tell
+        from its twins is known (see `telling_way`).
     """
 
     def __init__(self, limits: StatusSettings, telling_way_m: float = 0.0) -> None:
         self._limits = limits
-        self._telling_way_m, self._way_m = telling_way_m, 0.0
+        # Driven since an image was sure of the pose, NaN before any; and how far that was when the last one was.
+        self._telling_way_m, self._way_m, self._told_m = telling_way_m, math.nan, 0.0
         # Images that were left out since one was taken in; and all since one spoke for the pose, with the odds that they gave it.
         self._left_out = self._silent = 0
         self._log_odds = 0.0
@@ -79,7 +80,10 @@ class Sightings:
             As in `FilterState`.
         """
         self._left_out, self._last = 0, None
-        self._way_m += way_m
+        if vouches:
+            self._way_m = self._told_m = 0.0 if math.isnan(self._way_m) else self._way_m + way_m
+        else:
+            self._way_m += way_m
         if not math.isnan(backing):
             self._log_odds += math.log(max(backing, _LEAST))
         doubted = self._silent >= self._limits.stale_images
@@ -103,9 +107,9 @@ class Sightings:
             Where odometry has led from the time that the belief stands at; None where the belief stands at the newest image.
         """
         if status is not Status.CONVERGED and not self._left_out:
-            self._way_m = 0.0
-        if status is Status.CONVERGED and self._way_m < self._telling_way_m:
-            told = f"the map cannot tell this pose from others ({self._way_m:.1f} of {self._telling_way_m:.1f} m driven)"
+            self._way_m, self._told_m = math.nan, 0.0
+        if status is Status.CONVERGED and self._told_m < self._telling_way_m:
+            told = f"the map cannot tell this pose from others ({self._told_m:.1f} of {self._telling_way_m:.1f} m driven)"
             return Status.AMBIGUOUS, Finding(f"{told}; {Reason.MAP_CANNOT_TELL.remedy}", Reason.MAP_CANNOT_TELL)
         if not self._left_out:
             self._sure = status is Status.CONVERGED
@@ -140,7 +144,7 @@ class Sightings:
 
     def snapshot(self) -> dict[str, Any]:
         """All that is remembered, as plain values."""
-        way = {"way_m": self._way_m, "telling_way_m": self._telling_way_m}
+        way = {"way_m": self._way_m, "told_m": self._told_m, "telling_way_m": self._telling_way_m}
         silent = {"silent": self._silent, "log_odds": self._log_odds}
         return {"left_out": self._left_out, "last": self._last, "sure": self._sure, **silent, **way}
 
@@ -148,6 +152,7 @@ class Sightings:
         """Take over what `snapshot` gave; KeyError or ValueError, and nothing changed, if that does not fit."""
         last = None if values["last"] is None else Reason(values["last"])
         left_out, sure = int(values["left_out"]), bool(values["sure"])
-        self._way_m, self._telling_way_m = float(values.get("way_m", 0.0)), float(values.get("telling_way_m", 0.0))
+        self._way_m, self._telling_way_m = float(values.get("way_m", math.nan)), float(values.get("telling_way_m", 0.0))
+        self._told_m = float(values.get("told_m", 0.0 if math.isnan(self._way_m) else self._way_m))
         self._silent, self._log_odds = int(values.get("silent", left_out)), float(values.get("log_odds", 0.0))
         self._left_out, self._last, self._sure = left_out, last, sure

@@ -184,6 +184,7 @@ EXAMPLES: dict[str, Callable[[], tuple[Any, ...]]] = {
     "alignment.agreeing_columns": lambda: (np.ones((3, 8)), 1, 0.6),
     "alignment.sector_pulls": lambda: (*_normal_equations(), 4),
     "warping.warp_table": _warp_table,
+    "filtering.weights.fallen": lambda: (np.float32(0.5), np.float32(1.0), np.float32(-2.0)),
     "filtering.weights.likelihoods": lambda: (_numbers(), 1.0, 0.5, 1.0, 0.01),
     "filtering.weights.normal_density": lambda: (np.zeros((4, 3)), np.zeros(3), np.eye(3), 0.0),
     "filtering.weights.scale": lambda: (_numbers(), 0.5),

@@ -52,6 +52,32 @@ def test_motion_tells_what_the_map_cannot():
     assert sightings.judge(Status.CONVERGED, None)[0] is Status.AMBIGUOUS
 
 
+def test_images_that_are_not_sure_tell_nothing_a_map_cannot():
+    sightings = Sightings(LIMITS, 1.0)
+    sightings.counted(0.3, 5.0, vouches=True)
+    assert sightings.judge(Status.CONVERGED, None)[0] is Status.AMBIGUOUS
+    # However far odometry leads from one that was.
+    for _ in range(3):
+        sightings.counted(2.0, 5.0, vouches=False)
+        assert sightings.judge(Status.CONVERGED, None)[0] is Status.AMBIGUOUS
+    sightings.counted(0.3, 5.0, vouches=True)
+    assert sightings.judge(Status.CONVERGED, None)[0] is Status.CONVERGED
+    sightings.counted(0.3, 5.0, vouches=False)
+    assert sightings.judge(Status.CONVERGED, None)[0] is Status.CONVERGED
+
+
+def test_the_way_to_the_first_sure_image_does_not_count():
+    sightings = Sightings(LIMITS, 1.0)
+    sightings.counted(5.0)
+    assert sightings.judge(Status.CONVERGED, None)[0] is Status.AMBIGUOUS
+    kept = json.loads(json.dumps(sightings.snapshot()))
+    other = Sightings(LIMITS)
+    other.restore(kept)
+    for one in (sightings, other):
+        one.counted(1.1)
+        assert one.judge(Status.CONVERGED, None)[0] is Status.CONVERGED
+
+
 def test_standing_still_tells_nothing():
     sightings = Sightings(LIMITS, 1.0)
     for _ in range(100):
@@ -174,6 +200,7 @@ def test_it_goes_on_from_what_an_older_version_saved():
 
 def test_it_goes_on_from_what_it_saved():
     sightings = Sightings(LIMITS, 2.0)
+    sightings.counted()
     sightings.counted(1.5)
     other = Sightings(LIMITS)
     other.restore(json.loads(json.dumps(sightings.snapshot())))

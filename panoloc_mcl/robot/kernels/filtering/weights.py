@@ -15,8 +15,8 @@ _NONE, _LEAST = np.float32(0.0), np.finfo(np.float32).tiny
 
 
 @inlined
-def _fallen(votes: np.float32, most: np.float32, steepness: np.float32) -> np.float32:
-    """The Gaussian of what votes fall short of the most."""
+def fallen(votes: np.float32, most: np.float32, steepness: np.float32) -> np.float32:
+    """The Gaussian, exp(steepness d^2), of what one vote falls short of the most: d is 0 at the least."""
     missing = most - votes
     # Not max(): what is no number is to stay none.
     short = _NONE if missing < _NONE else missing
@@ -55,7 +55,7 @@ def to_likelihoods(votes: Float32, best: float, tolerance: float, sharpness: flo
     steepness, least = np.float32(-0.5 * sharpness / (tolerance * tolerance)), np.float32(floor)
     most, rest = np.float32(best), np.float32(1.0 - floor)
     for i in range(votes.shape[0]):
-        votes[i] = least + rest * _fallen(votes[i], most, steepness)
+        votes[i] = least + rest * fallen(votes[i], most, steepness)
 
 
 @vector_kernel
@@ -67,7 +67,7 @@ def sums_of_likelihoods(votes: Float32, every: int, best: float, tolerance: floa
     for number in range(0, votes.shape[0], every):
         row = votes[number]
         for i in range(sums.shape[0]):
-            sums[i] += _fallen(row[i], most, steepness)
+            sums[i] += fallen(row[i], most, steepness)
     return sums.astype(np.float64)
 
 
