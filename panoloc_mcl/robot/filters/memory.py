@@ -64,7 +64,7 @@ class Memory(Kept):
     sure : bool
         Whether the last answer was.
     vouched : bool
-        Whether a start pose, or an image that was sure enough of itself, stands behind the belief.
+        Whether a start pose, or an image that was sure enough of itself (two, of more noise than world), stands behind the belief.
     expected : (x, y, heading, spread_m, spread_deg) or None
         If the answer before was sure: where odometry led from its pose, up to now. Metres, radians, degrees.
     match, match_slow, match_fast : float

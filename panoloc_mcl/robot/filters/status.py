@@ -34,7 +34,7 @@ def status_of(
     known : bool
         Whether the pose was known before; who never knew it cannot be lost.
     vouched : bool
-        Whether a start pose, or an image that was sure enough of itself, stands behind the belief.
+        As in `Memory`.
     limits : StatusSettings
     """
     best = clusters[0]

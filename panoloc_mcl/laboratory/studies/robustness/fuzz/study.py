@@ -75,7 +75,7 @@ def study(
     tallies = fuzz(inputs, seed, extra, progress, patterns)
     report = Report(
         f"{sum(tally.inputs for tally in tallies.values())} damaged files, seed {seed}. "
-        f"Each is read, or refused by known errors of one line each. Failures: any other error, "
+        "Each is read, or refused by known errors of one line each. Failures: any other error, "
         f"more than {_MOST_S:g} s, {_MOST_MB} MB more than before, a process that dies, a file that was not there before."
     )
     table = report.table("What became of them", ("kind", "inputs", "read all the same", "refused in a line", "failures"))
