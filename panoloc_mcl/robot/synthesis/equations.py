@@ -22,6 +22,8 @@ Float64 = NDArray[np.float64]
 _LARGEST_STEP_M = 0.15
 _LARGEST_TURN = np.radians(2.0)
 _FARTHEST = np.array([_LARGEST_STEP_M, _LARGEST_STEP_M, _LARGEST_TURN])
+# Steps that shrink to more than this share of the one before are taken to shrink to it.
+_SLOWEST = 0.6
 # Standard deviation of pitch and roll before the image is seen, radians.
 _SD_TILT = np.radians(2.0)
 # Neighbouring pixels and both channels err together: so many of them count as one.
@@ -156,3 +158,23 @@ class Equations(NamedTuple):
         normal = normal.copy()
         normal[[3, 4], [3, 4]] += self._stiffness
         return np.asarray(normal[:unknowns, :unknowns] + (1e-9 * np.trace(normal[:3, :3]) + 1e-12) * np.eye(unknowns))
+
+
+def limit_of(step: Float64, before: Float64) -> Float64:
+    """Where a step and all that would follow lead, if each is to the one before as this one is: a geometric series (Aitken 1926).
+
+    Steps are too short where image and view show the same only in part, as some of their edges have no counterpart: in an image of
+    the rendered hall each leaves a quarter of the way, in one that is saturated for a tenth of its pixels a half.
+
+    Parameters
+    ----------
+    step, before : float64 (5,)
+        Of position, heading and tilt; the position tells how fast they shrink. Zeros for ``before`` where there is none.
+
+    Returns
+    -------
+    float64 (5,)
+        At least the step itself, and at most 2.5 times as much.
+    """
+    shrinks = float(step[:2] @ before[:2]) / max(float(before[:2] @ before[:2]), 1e-12)
+    return step / (1.0 - min(max(shrinks, 0.0), _SLOWEST))

@@ -25,7 +25,7 @@ from panoloc_mcl.robot.kernels.warping import turned_table
 from panoloc_mcl.robot.measurement import PoseMeasurement, cosine_of
 from panoloc_mcl.robot.settings.observation import RefinementSettings, VotesSettings
 from panoloc_mcl.robot.synthesis.agreeing_columns import agreeing
-from panoloc_mcl.robot.synthesis.equations import Equations, Views
+from panoloc_mcl.robot.synthesis.equations import Equations, Views, limit_of
 from panoloc_mcl.robot.synthesis.planes import planes_of, read_planes, source_planes
 from panoloc_mcl.robot.synthesis.views import MARGIN, ViewSynthesizer
 
@@ -76,7 +76,8 @@ _REFINED_TO_THE_END = 2
 _SMALLEST_STEP_M, _SMALLEST_TURN = 1.5e-3, np.radians(0.01)
 # Of the standard deviation: a step this small is not worth another one.
 _SMALL = 0.3
-# From an expected pose, a step so many times as long, and a turn, may be the last: what is left to go is about a sixth of it.
+# From an expected pose, a step so many times as long, and a turn, may be the last: what is left to go is about a sixth of it, or what
+# `limit_of` adds.
 _LAST, _LAST_OF_FOLLOWED = (1.0, 1.0), (2.0, 5.0)
 # Sources are weighted by 1 / (distance + this), and by how sure their own poses are.
 _NEAR_M = 0.05
@@ -209,15 +210,18 @@ class PoseRefiner:
         ``last`` are factors on how long a step and its turn may be to be the last.
         The tilt is about the map's axes here: pitch about y, roll about x.
         """
-        unknowns = self._unknowns
+        unknowns, before = self._unknowns, np.zeros(5)
         for step in steps:
             query, query_usable = self._turned_back(planes[step.sigma], pose[2], tilt, step.stride)
             equations = self._equations(query, query_usable, pose[:2], step)
             change = equations.step(tilt, unknowns)
-            pose, tilt = pose + change[:3], tilt + change[3:]
-            if step == steps[-1] and self._is_still(change[:3] / [last[0], last[0], last[1]], equations):
-                return pose, tilt, equations, True
-        return pose, tilt, equations, False
+            at_rest = step == steps[-1] and self._is_still(change[:3] / [last[0], last[0], last[1]], equations)
+            to_go = limit_of(change, before) if at_rest else change
+            pose, tilt = pose + to_go[:3], tilt + to_go[3:]
+            if at_rest:
+                break
+            before = change if step.fine else before
+        return pose, tilt, equations, at_rest
 
     def _around(
         self, planes: Mapping[float, Float32], step: Step, pose: Float64, tilt: Float64, moves: Sequence[float] = _MOVES_M

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from panoloc_mcl.robot.synthesis.equations import Equations, Views
+from panoloc_mcl.robot.synthesis.equations import Equations, Views, limit_of
 
 SECTORS, COLUMNS = 30, 360
 
@@ -101,3 +103,25 @@ def test_a_view_of_nothing_goes_nowhere_far() -> None:
     covariance = equations._replace(views=empty).covariance(5)
     assert np.isfinite(covariance).all()
     assert np.sqrt(covariance[0, 0]) < 0.25
+
+
+@given(st.floats(0.0, 0.6), st.floats(-np.pi, np.pi), st.floats(1e-4, 0.1))
+def test_steps_that_shrink_evenly_are_followed_to_their_limit(shrinks: float, direction: float, length: float) -> None:
+    before = length * np.array([np.cos(direction), np.sin(direction), 0.1, 0.01, -0.02])
+    steps = before * np.power(shrinks, np.arange(1, 200))[:, None]
+    assert np.allclose(limit_of(steps[0], before), steps.sum(axis=0), atol=1e-9 * length)
+
+
+@given(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
+def test_steps_that_do_not_shrink_are_not_followed_far(along: float, across: float) -> None:
+    before = np.array([0.01, 0.0, 0.001, 0.0, 0.0])
+    step = np.array([0.01 * along, 0.01 * across, 0.001, 0.0, 0.0])
+    stretch = float(np.linalg.norm(limit_of(step, before)) / np.linalg.norm(step))
+    assert 1.0 <= stretch <= 2.5 + 1e-9
+    if along <= 0.0:
+        assert stretch == 1.0
+
+
+def test_a_first_step_is_taken_as_it_is() -> None:
+    step = np.array([0.01, -0.02, 0.001, 0.0, 0.0])
+    assert np.array_equal(limit_of(step, np.zeros(5)), step)

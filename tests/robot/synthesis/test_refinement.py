@@ -3,7 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from oracles.scenes import panorama
+from scipy.ndimage import gaussian_filter
 
+from panoloc_mcl.robot.camera import Panorama
 from panoloc_mcl.robot.eigenspace.gradients import orientations
 from panoloc_mcl.robot.geometry import angle_difference
 from panoloc_mcl.robot.kernels.alignment import column_products, normal_equations
@@ -196,6 +198,22 @@ def test_an_occluder_over_a_quarter_of_the_view_does_not_pull_the_pose(fine) -> 
         assert np.hypot(*(measured.pose - truth)[:2]) < 0.012
         for hidden in measured.agreement.sectors.reshape(3, -1) < 0.4:
             assert 2 <= hidden.sum() <= 9
+
+
+def test_poses_are_where_many_more_steps_would_lead_though_image_and_views_share_only_part(fine, monkeypatch) -> None:
+    refiner, sought = PoseRefiner(fine.swept, SETTINGS), []
+    for number, (truth, off) in enumerate(starts(8)):
+        seen = fine.room.panorama(fine.geometry, truth).pixels
+        # Such as light that has moved: the steps shrink by half or less.
+        texture = gaussian_filter(np.random.default_rng(number).standard_normal(seen.shape), 2.0, mode=("reflect", "wrap"))
+        sought.append(
+            (*orientations(Panorama((seen + 20.0 * texture / texture.std()).astype(np.float32)), SETTINGS), truth + off)
+        )
+    found = [refiner.refine(*one).pose for one in sought]
+    monkeypatch.setattr(refinement, "_SMALLEST_STEP_M", 1e-6)
+    monkeypatch.setattr(refinement, "_SMALL", 1e-4)
+    at_rest = [refiner.refine(*one).pose for one in sought]
+    assert np.median(np.hypot(*(np.array(found) - at_rest).T[:2])) < 2e-4
 
 
 def test_a_pose_that_does_not_come_to_rest_is_looked_for_around(fine, monkeypatch) -> None:
