@@ -111,7 +111,7 @@ class Localizer(SavedState, TakesMessages):
 
     def add_odometry(
         self, timestamp: float, pose: ArrayLike, velocity: ArrayLike | None = None, covariance: ArrayLike | None = None
-    ) -> None:
+    ) -> bool:
         """Take one odometry measurement; it may come late or out of order.
 
         Parameters
@@ -123,15 +123,20 @@ class Localizer(SavedState, TakesMessages):
         velocity, covariance : array_like of float, shape (3,) and (3, 3), optional
             As in `Odometry`.
 
+        Returns
+        -------
+        bool
+            Whether it was taken; `counts` says why others were not.
+
         Raises
         ------
         MeasurementError
-            The stamp tells no time, or the pose has not three numbers.
+            The stamp tells no time, or the pose or the velocity has not three numbers.
         """
         of_camera = self._mount.camera_poses(planar_pose(pose, "odometry pose"))
-        speed = None if velocity is None else self._mount.camera_velocity(velocity)
+        speed = None if velocity is None else self._mount.camera_velocity(planar_pose(velocity, "odometry velocity"))
         spread = None if covariance is None else np.asarray(covariance, dtype=np.float64)
-        self._odometry.add(seconds(timestamp), of_camera, speed, spread)
+        return self._odometry.add(seconds(timestamp), of_camera, speed, spread)
 
     @locked
     def add_image(self, timestamp: float, image: NDArray[Any] | ImageError) -> Estimate | None:
@@ -169,7 +174,8 @@ class Localizer(SavedState, TakesMessages):
             return self._estimate([set_back, problem], None, stage_ms)
         note = self._follow_clock(timestamp)
         motion, offset = self._motion_to(timestamp)
-        if not self._gate_opens(motion if offset is None else offset):
+        # An image that tells of a clock counts, or nobody would hear of it.
+        if not (set_back or note or self._gate_opens(motion if offset is None else offset)):
             self._gated += 1
             return None
         with one_blas_thread():
@@ -221,13 +227,6 @@ class Localizer(SavedState, TakesMessages):
         unknown = self.settings.motion.clock_jump_s
         self._filter.propagate(blind(Motion(np.zeros(3), duration_s=unknown), unknown, self.settings.motion))
         return Finding(f"image stamps jumped by {jump:+.3f} s; going on from there", Reason.CLOCK_JUMPED)
-
-    def _follow_odometry(self) -> None:
-        """Keep pose and belief, by the new time, where odometry's clock was set back."""
-        back = self._clock.follow_odometry()
-        if back and self._anchor is not None:
-            anchor, status = self._anchor
-            self._anchor = replace(anchor, timestamp=anchor.timestamp - back), status
 
     def _motion_to(self, timestamp: float) -> tuple[Motion, Motion | None]:
         """Motion of the belief up to an image; for a late one none, but the way back from the belief's time to the image's."""
@@ -294,6 +293,7 @@ class Localizer(SavedState, TakesMessages):
     ) -> Estimate:
         with timed(stage_ms, "estimate"):
             of_camera = self._filter.state()
+            # Arrays of its own: whoever gets the answer may change them.
             state = of_camera.of_point(-self._mount.offset)
         best, now = state.clusters[0], self._clock.now
         # A belief that an image was left out of may stand at an old time.
@@ -308,7 +308,7 @@ class Localizer(SavedState, TakesMessages):
         guess = None if votes is None else self._guess(votes)
         pose = best.pose
         if guess is not None and not late and status in _UNDECIDED and tells_more(guess, best, first=self._images == 1):
-            pose = guess.pose
+            pose = guess.pose.copy()
         return Estimate(
             timestamp=math.nan if now is None else now,
             pose=pose,

@@ -52,6 +52,8 @@ class Cluster:
 
     def of_point(self, offset: Float64) -> Cluster:
         """The same hypothesis about another point of the robot, at (x, y, 0) as seen from the one that the poses are of."""
+        if not offset.any():
+            return replace(self, pose=self.pose.copy(), covariance=self.covariance.copy())
         pose = compose(self.pose, offset)
         dx, dy = pose[:2] - self.pose[:2]
         # An error of the heading swings it round.
@@ -115,8 +117,8 @@ class FilterState:
     vouches: bool = True
 
     def of_point(self, offset: Float64) -> FilterState:
-        """The belief about another point of the robot (see `Cluster.of_point`)."""
-        return replace(self, clusters=tuple(cluster.of_point(offset) for cluster in self.clusters)) if offset.any() else self
+        """The belief about another point of the robot (see `Cluster.of_point`), in arrays of its own."""
+        return replace(self, clusters=tuple(cluster.of_point(offset) for cluster in self.clusters))
 
 
 @dataclass(frozen=True, eq=False)

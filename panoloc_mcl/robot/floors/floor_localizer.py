@@ -112,10 +112,10 @@ class FloorLocalizer(SavedFloors, TakesMessages):
 
     def add_odometry(
         self, timestamp: float, pose: ArrayLike, velocity: ArrayLike | None = None, covariance: ArrayLike | None = None
-    ) -> None:
+    ) -> bool:
         """As `Localizer.add_odometry`."""
-        for localizer in self._localizers.values():
-            localizer.add_odometry(timestamp, pose, velocity, covariance)
+        taken = [one.add_odometry(timestamp, pose, velocity, covariance) for one in self._localizers.values()]
+        return all(taken)
 
     @locked
     def add_image(self, timestamp: float, image: NDArray[Any] | ImageError) -> Estimate | None:
@@ -197,14 +197,16 @@ class FloorLocalizer(SavedFloors, TakesMessages):
 
     def pose_at(self, timestamp: float | None = None) -> TimedPose | None:
         """As `Localizer.pose_at`, on the most probable map; not called converged while the map is not known."""
-        robot = self.localizer.pose_at(timestamp)
-        if robot is not None and robot.status is Status.CONVERGED and self._belief.probabilities.max() < _SURE:
-            robot = replace(robot, status=Status.AMBIGUOUS)
-        return robot
+        return self._as_sure_as_the_map(self.localizer.pose_at(timestamp))
 
     def odometry_to_map(self, timestamp: float | None = None) -> TimedPose | None:
-        """As `Localizer.odometry_to_map`."""
-        return self.localizer.odometry_to_map(timestamp)
+        """As `Localizer.odometry_to_map`, and as sure as `pose_at`."""
+        return self._as_sure_as_the_map(self.localizer.odometry_to_map(timestamp))
+
+    def _as_sure_as_the_map(self, robot: TimedPose | None) -> TimedPose | None:
+        if robot is not None and robot.status is Status.CONVERGED and self._belief.probabilities.max() < _SURE:
+            return replace(robot, status=Status.AMBIGUOUS)
+        return robot
 
     def driven(self, timestamp: float) -> Float64 | None:
         """As `Localizer.driven`."""
@@ -273,7 +275,8 @@ class FloorLocalizer(SavedFloors, TakesMessages):
         """
         self._known(name, "set_pose").set_pose(pose, covariance, timestamp)
         self._belief = FloorBelief(self._names, np.where(np.array(self._names) == name, 1.0, 0.0))
-        self._seen = None
+        # Where it was seen before, perhaps at a lift, it no longer is.
+        self._estimates, self._seen = {}, None
 
     @locked
     def relocalize(self) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import zlib
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,30 @@ class FrozenCamera:
 
     def __init__(self) -> None:
         self._seen: tuple[int, Float64 | None] | None = None
+
+    def snapshot(self) -> list[float] | None:
+        """All that is remembered, as plain numbers: the image's, and where odometry was."""
+        if self._seen is None:
+            return None
+        digest, driven = self._seen
+        return [float(digest), *([] if driven is None else driven.tolist())]
+
+    @classmethod
+    def of_snapshot(cls, values: Sequence[float] | None) -> Self:
+        """What `snapshot` gave.
+
+        Raises
+        ------
+        ValueError
+            Not one or four numbers.
+        """
+        camera = cls()
+        if values is not None:
+            if len(values) not in (1, 4):
+                raise ValueError(f"last image remembered by {len(values)} numbers")
+            digest, *driven = (float(value) for value in values)
+            camera._seen = int(digest), np.array(driven) if driven else None
+        return camera
 
     def check(self, image: NDArray[Any], driven: Float64 | None) -> None:
         """Look at the next image.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from panoloc_mcl.robot.camera import Camera, Mount, Unwrapper
 from panoloc_mcl.robot.filters import PoseFilter, Sightings, Start, Status, telling_way
+from panoloc_mcl.robot.interface.frozen_camera import FrozenCamera
 from panoloc_mcl.robot.interface.mounting_tilt import MountingTilt
 from panoloc_mcl.robot.locks import Lock
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
@@ -33,6 +34,7 @@ class Parts:
     _clock: ImageClock
     _sightings: Sightings
     _filter: PoseFilter
+    _frozen_camera: FrozenCamera
     _mounting_tilt: MountingTilt
     _seed: int | tuple[int, ...]
     # How often the pose was given or forgotten: random numbers go on from there.

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from panoloc_mcl.robot.errors import MeasurementError
 from panoloc_mcl.robot.filters import Cluster, Start, Status
 from panoloc_mcl.robot.geometry import compose, inverse
 from panoloc_mcl.robot.interface.answers import Location, TimedPose, located
@@ -41,13 +42,20 @@ class Steering(Parts):
         -------
         TimedPose or None
             None before the first answer.
+
+        Raises
+        ------
+        MeasurementError
+            The time stamp tells no time, or is not finite.
         """
+        if timestamp is not None and not math.isfinite(timestamp := seconds(timestamp)):
+            raise MeasurementError(f"pose_at: time stamp {timestamp} is not finite; give seconds, or leave it out")
         if self._anchor is None:
             return None
         anchor, status = self._anchor
         if self._clock.owed_s:
             anchor = replace(anchor, timestamp=anchor.timestamp - self._clock.owed_s)
-        timestamp = max(self._odometry.newest, anchor.timestamp) if timestamp is None else seconds(timestamp)
+        timestamp = max(self._odometry.newest, anchor.timestamp) if timestamp is None else timestamp
         pose, covariance = carried_to(anchor, self._odometry, timestamp)
         if self._mount.offset.any():
             of_base = Cluster(pose, covariance, 1.0).of_point(-self._mount.offset)
@@ -109,6 +117,7 @@ class Steering(Parts):
             Not finite, of another shape, or a covariance that none can have.
         """
         start = start_around(pose, covariance, self._mount)
+        self._follow_odometry()
         newest = max(self._odometry.newest, -math.inf if self._clock.now is None else self._clock.now)
         when = newest if timestamp is None else seconds(timestamp)
         self._begin_anew(start, when if math.isfinite(when) else None)
@@ -120,6 +129,7 @@ class Steering(Parts):
     @locked
     def relocalize(self) -> None:
         """Forget the pose: the robot may be anywhere."""
+        self._follow_odometry()
         self._begin_anew(Start(), self._clock.now)
 
     @locked
@@ -139,14 +149,19 @@ class Steering(Parts):
         """
         unwrap = panorama_map.unwrapper(self._camera, self._image_size)
         observation = panorama_map.observation_model(self.config.observation)
+        self._follow_odometry()
         known = self._anchor if keep_pose else None
+        # A pose that was given before the first odometry has no time yet.
+        given = self._filter.state().clusters[0] if keep_pose and known is None and self._has_fix else None
         self._map, self._unwrap, self._observation, self._revision = panorama_map, unwrap, observation, ""
         self._mount, self._stamp_offset_s = unwrap.camera.mounting, unwrap.camera.stamp_offset_s
         # Its references may lean otherwise.
         self._mounting_tilt = MountingTilt()
-        self._begin_anew(Start() if known is None else Start.around(known[0].pose, known[0].covariance), self._clock.now)
+        pose = given if known is None else known[0]
+        self._begin_anew(Start() if pose is None else Start.around(pose.pose, pose.covariance), self._clock.now)
         if known is not None:
             self._anchor, self._has_fix = known, known[1] is Status.CONVERGED
+        self._has_fix |= given is not None
 
     def _begin_anew(self, start: Start, timestamp: float | None) -> None:
         self._begun_anew += 1
@@ -156,6 +171,13 @@ class Steering(Parts):
         self._clock.start_at(timestamp)
         self._sightings = self._new_sightings(start)
         self._anchor, self._has_fix, self._forced = None, False, True
+
+    def _follow_odometry(self) -> None:
+        """Keep pose and belief, by the new time, where odometry's clock was set back."""
+        back = self._clock.follow_odometry()
+        if back and self._anchor is not None:
+            anchor, status = self._anchor
+            self._anchor = replace(anchor, timestamp=anchor.timestamp - back), status
 
     def force_update(self) -> None:
         """Let the next image count, whatever the motion gate says: for a robot that stands and is to look again."""

@@ -18,8 +18,8 @@ class TakesMessages(ABC):
     @abstractmethod
     def add_odometry(
         self, timestamp: float, pose: ArrayLike, velocity: ArrayLike | None = None, covariance: ArrayLike | None = None
-    ) -> None:
-        """Take one odometry measurement."""
+    ) -> bool:
+        """Take one odometry measurement; returns whether it was taken."""
 
     @abstractmethod
     def add_image(self, timestamp: float, image: NDArray[Any] | ImageError) -> Estimate | None:

@@ -237,6 +237,8 @@ class ImageClock:
             "offset_s": self.offset_s,
             "late": self._late,
             "late_since": self._late_since if math.isfinite(self._late_since) else None,
+            "set_back_s": self._set_back_s,
+            "restarts": self._restarts,
         }
 
     def restore(self, values: Mapping[str, Any]) -> None:
@@ -246,7 +248,9 @@ class ImageClock:
         self._step, self.offset_s = float(values.get("step", 0.0)), float(values.get("offset_s", 0.0))
         self._late = [float(time) for time in values.get("late", ())]
         self._late_since = -math.inf if values.get("late_since") is None else float(values["late_since"])
-        self._set_back_s, self._restarts = self._odometry.set_back_s, self._odometry.restarts
+        # What odometry's clock did after the last image is still to be followed; older states do not say what was.
+        self._set_back_s = float(values.get("set_back_s", self._odometry.set_back_s))
+        self._restarts = int(values.get("restarts", self._odometry.restarts))
         newest = values.get("newest", now)
         self._newest = -math.inf if newest is None else float(newest)
         self.now, self._suspect = now, suspect

@@ -138,11 +138,12 @@ class Engine:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.stop()
 
-    def put(self, message: Message) -> None:
-        """Take a message; returns at once unless all images are to be kept."""
+    def put(self, message: Message) -> bool:
+        """Take a message; returns at once unless all images are to be kept: whether odometry was taken, and true for all else."""
         if isinstance(message, Odometry):
             self._last_odometry = time.monotonic()
-            self.localizer.add(message)
+            if not self.localizer.add_odometry(message.timestamp, message.pose, message.velocity, message.covariance):
+                return False
             self._tell_movement(message.timestamp)
         elif isinstance(message, Image):
             with self._changed:
@@ -153,6 +154,7 @@ class Engine:
                 self._waiting.clear()
                 self._waiting.append((message, time.perf_counter()))
                 self._changed.notify_all()
+        return True
 
     def drain(self, timeout_s: float = 60.0) -> None:
         """Wait until the images that have come are processed."""

@@ -200,7 +200,8 @@ class PanolocNode(LifecycleNode):
         engine, localizer = self._engine, self.localizer
         if engine is None or localizer is None:
             return
-        engine.put(odometry)
+        if not engine.put(odometry):
+            return
         frame = localizer.odometry_to_map(odometry.timestamp)
         with self._lock:
             if frame is not None and localizer.has_fix and (self._held is None or frame.status is Status.CONVERGED):

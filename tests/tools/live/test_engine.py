@@ -1,5 +1,6 @@
 import io
 import json
+import math
 import threading
 import time
 from dataclasses import replace
@@ -96,6 +97,19 @@ def test_what_does_not_come_is_named_after_five_seconds(panorama_map: PanoramaMa
         assert engine.figures().message == "no image on /omni/image for 6 s; no odometry on /odom for 6 s"
         engine.put(next(message for message in recorded(drive) if isinstance(message, Odometry)))
         assert engine.figures().message == "no image on /omni/image for 6 s"
+
+
+def test_odometry_that_is_left_out_moves_nobody(panorama_map: PanoramaMap, drive: Drive) -> None:
+    output = Collected()
+    with Engine(Localizer(panorama_map), [output], keep_all=True) as engine:
+        for message in list(recorded(drive))[:20]:
+            engine.put(message)
+        engine.drain()
+        before, last = len(output.moves), next(message for message in recorded(drive) if isinstance(message, Odometry))
+        newest = output.moves[-1][0].timestamp
+        for stamp in (math.nan, newest + 5000.0, 1e12, newest - 5000.0):
+            assert not engine.put(replace(last, timestamp=stamp))
+        assert len(output.moves) == before
 
 
 def test_an_output_that_fails_stops_nothing(panorama_map: PanoramaMap, drive: Drive) -> None:
