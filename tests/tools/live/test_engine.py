@@ -102,9 +102,9 @@ def test_what_does_not_come_is_named_after_five_seconds(panorama_map: PanoramaMa
 def test_odometry_that_is_left_out_moves_nobody(panorama_map: PanoramaMap, drive: Drive) -> None:
     output = Collected()
     with Engine(Localizer(panorama_map), [output], keep_all=True) as engine:
-        for message in list(recorded(drive))[:20]:
+        for message in list(recorded(drive))[:60]:
             engine.put(message)
-        engine.drain()
+            engine.drain()
         before, last = len(output.moves), next(message for message in recorded(drive) if isinstance(message, Odometry))
         newest = output.moves[-1][0].timestamp
         for stamp in (math.nan, newest + 5000.0, 1e12, newest - 5000.0):
