@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+# What is spelt much like something else that is known.
+_ALSO_CALLED = {"anticlockwise": "counterclockwise", "anti-clockwise": "counterclockwise"}
+
 
 def did_you_mean(word: object, known: Iterable[str]) -> str:
     """``did you mean '…'?`` with the word that is most alike; empty where none is alike."""
     import difflib
 
-    close = difflib.get_close_matches(str(word), list(known), n=1, cutoff=0.5)
+    names = list(known)
+    meant = _ALSO_CALLED.get(str(word).lower(), "")
+    close = [meant] if meant in names else difflib.get_close_matches(str(word), names, n=1, cutoff=0.5)
     return f"did you mean '{close[0]}'?" if close else ""
 
 

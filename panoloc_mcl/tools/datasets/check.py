@@ -15,6 +15,8 @@ from panoloc_mcl.tools.datasets.trajectory import Trajectory, truth_at
 
 _SLACK_S = 1.0  # frames may lie this far outside a trajectory
 _SAME_PLACE_M = 1e-3
+# Frames' times over a trajectory's.
+_UNITS = {1e3: "milliseconds", 1e6: "microseconds", 1e9: "nanoseconds"}
 # What a trajectory may have been written as instead of its TUM file.
 _TABLES = (".csv", ".txt", ".tum", ".tsv", ".dat")
 
@@ -42,7 +44,8 @@ def check_dataset(path: str | Path) -> list[str]:
         # Frames without truth are welcome, they are not judged; truth without frames is of another clock.
         if sequence.groundtruth is not None and not np.isfinite(truth_at(sequence.groundtruth, sequence.times)).any():
             faults += _uncovered(sequence, sequence.groundtruth, "groundtruth.tum")
-    return faults
+    # Both trajectories may say the same of the frames.
+    return list(dict.fromkeys(faults))
 
 
 def _undecodable(images: References | Sequence) -> list[str]:
@@ -81,6 +84,13 @@ def _uncovered(sequence: Sequence, trajectory: Trajectory | None, name: str) -> 
     outside = int(np.count_nonzero((sequence.times < start - _SLACK_S) | (sequence.times > end + _SLACK_S)))
     if not outside:
         return []
+    for factor, unit in _UNITS.items():
+        as_long = np.ptp(sequence.times) > 0.2 * factor * (end - start)
+        if as_long and np.all((sequence.times >= factor * (start - _SLACK_S)) & (sequence.times <= factor * (end + _SLACK_S))):
+            first = f"{sequence.times[0]:.0f} to {sequence.times[-1]:.0f}"
+            return [
+                f"{sequence.path / 'frames.csv'}: time stamps {first} look like {unit} beside its trajectories; write seconds"
+            ]
     return [
         f"{sequence.path / name}: covers {start:.3f} to {end:.3f} s, but {outside} of {len(sequence)} frames "
         f"({sequence.times[0]:.3f} to {sequence.times[-1]:.3f} s) lie outside; use one clock for both, or drop those frames"

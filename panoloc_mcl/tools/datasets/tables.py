@@ -13,6 +13,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 from numpy.typing import NDArray
 
+from panoloc_mcl.robot.errors import did_you_mean
 from panoloc_mcl.robot.files import write_atomically
 
 _MOST_FAULTS = 20
@@ -138,11 +139,16 @@ def write_image_table(path: Path, header: tuple[str, ...], rows: Iterable[tuple[
 
 def _header_faults(path: Path, header: list[str], needed: tuple[str, ...], optional: tuple[str, ...]) -> list[str]:
     where, known = f"{path}:1", ",".join((*needed, *optional))
+    must = ",".join(needed) + (f" ({','.join(optional)} are optional)" if optional else "")
     for mark, called in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars"), (" ", "spaces")):
         if len(header) == 1 and len(set(header[0].split(mark)) & {*needed, *optional}) > 1:
             return [f"{where}: columns are separated by {called}; separate them by commas, and write decimals with a point"]
-    faults = [f"{where}: column '{name}' is missing; the first line must name {known}" for name in needed if name not in header]
-    faults += [f"{where}: unknown column '{name}'; known: {known}" for name in header if name not in (*needed, *optional)]
+    if not {*needed, *optional} & set(header):
+        return [f"{where}: names no columns that are known; the first line must name {must}"]
+    faults = [f"{where}: column '{name}' is missing; the first line must name {must}" for name in needed if name not in header]
+    for name in (name for name in header if name not in (*needed, *optional)):
+        hint = did_you_mean(name.lower(), sorted({*needed, *optional} - set(header)))
+        faults.append(f"{where}: unknown column '{name}'; known: {known}{'; ' + hint if hint else ''}")
     faults += [f"{where}: column '{name}' is given twice; keep one" for name in sorted(set(header)) if header.count(name) > 1]
     return faults
 

@@ -52,3 +52,14 @@ def test_references_all_at_one_place_are_no_map(room: Path) -> None:
     path.write_text("\n".join([header, *again]))
     (fault,) = check_dataset(room)
     assert fault == f"{path}: all {len(rows)} images have one place; write where each was taken"
+
+
+def test_frames_in_milliseconds_are_one_fault_of_the_frames(room: Path) -> None:
+    path = room / SEQUENCE / "frames.csv"
+    head, *rows = path.read_text().splitlines()
+    in_seconds = [row.split(",") for row in rows]
+    path.write_text("\n".join([head, *(f"{1000.0 * float(time):.3f},{file}" for time, file in in_seconds)]))
+    (fault,) = check_dataset(room)
+    assert fault.startswith(f"{path}: time stamps")
+    assert "look like milliseconds" in fault
+    assert "write seconds" in fault

@@ -52,7 +52,14 @@ FAULTS: list[tuple[Callable[[Path], None], str, list[str]]] = [
         "dataset.yaml",
         ["camera.columns = 'left'", "'clockwise'"],
     ),
-    (replace("references/poses.csv", ",y", ""), "poses.csv:1", ["column 'y' is missing", "file,x,y,theta"]),
+    (
+        replace("dataset.yaml", "columns: clockwise", "columns: anticlockwise"),
+        "dataset.yaml",
+        ["'anticlockwise'", "did you mean 'counterclockwise'?"],
+    ),
+    (replace("references/poses.csv", ",y", ""), "poses.csv:1", ["column 'y' is missing", "file,x,y (theta,"]),
+    (replace("references/poses.csv", "theta", "Thetta"), "poses.csv:1", ["unknown column 'Thetta'", "did you mean 'theta'?"]),
+    (written("references/poses.csv", "ref_000.png,0,0,0\n"), "poses.csv:1", ["names no columns that are known", "file,x,y"]),
     (replace("references/poses.csv", "theta", "theta,z"), "poses.csv:1", ["unknown column 'z'"]),
     (
         written("references/poses.csv", "file;x;y;theta\nref_000.png;0,5;0;0\n"),
