@@ -16,21 +16,11 @@ from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.reasons import Reason
 from panoloc_mcl.robot.settings.config import LocalizerConfig
 from panoloc_mcl.robot.settings.localizer import GateSettings, LocalizerSettings
-from panoloc_mcl.tools.datasets import Dataset, read_image
 from panoloc_mcl.tools.datasets import Sequence as Drive
+from panoloc_mcl.tools.datasets import read_image
 
 # The image before which something happens, and by how much clocks go back.
 AT, BACK_S = 6, 20.0
-
-
-@pytest.fixture(scope="module")
-def panorama_map(small_room: Dataset) -> PanoramaMap:
-    return PanoramaMap.build(small_room)
-
-
-@pytest.fixture(scope="module")
-def drive(small_room: Dataset) -> Drive:
-    return small_room.sequences["noon_00"]
 
 
 def drive_on(localizer: AnyLocalizer, drive: Drive, first: int, last: int, back: float = 0.0) -> list:

@@ -14,19 +14,8 @@ from panoloc_mcl.robot.localizer import Localizer
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.settings.config import LocalizerConfig
 from panoloc_mcl.robot.settings.localizer import LocalizerSettings
-from panoloc_mcl.tools.datasets import Dataset
 from panoloc_mcl.tools.datasets import Sequence as Drive
 from panoloc_mcl.tools.streams import Image, Odometry, answers, recorded
-
-
-@pytest.fixture(scope="module")
-def panorama_map(small_room: Dataset) -> PanoramaMap:
-    return PanoramaMap.build(small_room)
-
-
-@pytest.fixture(scope="module")
-def drive(small_room: Dataset) -> Drive:
-    return small_room.sequences["noon_00"]
 
 
 def off(pose: np.ndarray, true: np.ndarray) -> tuple[float, float]:

@@ -12,21 +12,10 @@ from panoloc_mcl.robot.filters import Estimate, Status
 from panoloc_mcl.robot.geometry import compose
 from panoloc_mcl.robot.localizer import Localizer
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
-from panoloc_mcl.tools.datasets import Dataset
 from panoloc_mcl.tools.datasets import Sequence as Drive
 from panoloc_mcl.tools.streams import Image, Message, Odometry, recorded
 
 CUT = 6  # the fault comes before this image
-
-
-@pytest.fixture(scope="module")
-def panorama_map(small_room: Dataset) -> PanoramaMap:
-    return PanoramaMap.build(small_room)
-
-
-@pytest.fixture(scope="module")
-def drive(small_room: Dataset) -> Drive:
-    return small_room.sequences["noon_00"]
 
 
 def play(localizer: Localizer, messages: Iterable[Message]) -> list[tuple[int, Estimate]]:
