@@ -130,7 +130,8 @@ def test_a_cluster_without_workers_or_data_says_so(plan_of, small_room, tmp_path
         failures = [result for _, result in engine.run(jobs)]
         assert all(failure.unfit and "neither a folder" in failure.text for failure in failures)
         for worker in workers:
-            os.killpg(worker.pid, signal.SIGTERM)
+            # Not SIGTERM: a worker of Dask that closes by itself now and then takes longer than a test may wait.
+            os.killpg(worker.pid, signal.SIGKILL)
             worker.wait(20)
         wait_for_workers(engine, 0)
         with pytest.raises(EngineError, match=r"has no workers; start one with: dask worker tcp://"):
