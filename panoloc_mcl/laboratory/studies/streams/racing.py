@@ -21,8 +21,8 @@ from panoloc_mcl.tools.datasets import read_dataset, resolve_dataset
 from panoloc_mcl.tools.runs.map_cache import cached_map
 from panoloc_mcl.tools.streams import Image, Odometry, answers, recorded
 
-# Between two rounds of the same drive, seconds of its clock; of the last drive, which is alone, a clock of its own.
-_PAUSE_S, _LATER_S = 2.0, 1e6
+# Between two rounds of the same drive, seconds of its clock.
+_PAUSE_S = 2.0
 # Somebody gives a pose, or wants another one, so often, seconds.
 _ORDER_EVERY_S = 0.2
 # Memory is looked at first when so much of the time is over.
@@ -142,7 +142,8 @@ def race(localizer: Localizer, drive: Drive, seconds: float, progress: Progress 
     for thread in threads:
         thread.join()
     found.memory_mb = (found.memory_mb[0], memory_mb(peak=False))
-    _drive_alone(localizer, drive, found)
+    # Each thread has its own clock; the drive that follows is later than all of them, however long the race was.
+    _drive_alone(localizer, drive, found, later_s=span * (2 + max(found.calls.values())))
     return found
 
 
@@ -161,12 +162,12 @@ def _looping(name: str, work: Callable[[int], None], over: threading.Event, foun
     return threading.Thread(target=run, name=f"panoloc-race-{name}", daemon=True)
 
 
-def _drive_alone(localizer: Localizer, drive: Drive, found: Race) -> None:
+def _drive_alone(localizer: Localizer, drive: Drive, found: Race, later_s: float) -> None:
     assert drive.groundtruth is not None
     localizer.relocalize()
-    later = (replace(message, timestamp=message.timestamp + _LATER_S) for message in recorded(drive))
+    later = (replace(message, timestamp=message.timestamp + later_s) for message in recorded(drive))
     for number, (image, estimate) in enumerate(answers(localizer, later), start=1):
-        true = drive.groundtruth.at(image.timestamp - _LATER_S)
+        true = drive.groundtruth.at(image.timestamp - later_s)
         found.status, found.error_m = estimate.status, float(np.hypot(*(estimate.pose[:2] - true[:2])))
         if found.back_after < 0 and estimate.status is Status.CONVERGED and found.error_m < 0.5:
             found.back_after = number
