@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
+import glob
 import io
+import itertools
 import math
 import os
 from collections.abc import Iterable
@@ -186,8 +188,15 @@ def _check_file(
     elif not is_inside(folder / name, root):
         faults.append(f"{where}: file {name}: leads out of {root}; copy the image into the data set")
     elif not _is_file(folder / name):
-        faults.append(f"{where}: file {name}: no such file in {folder}; add the image, or drop this row")
+        remedy = f"write {there}" if (there := _elsewhere(folder, name)) else "add the image, or drop this row"
+        faults.append(f"{where}: file {name}: no such file in {folder}; {remedy}")
     first_line.setdefault(key, line)
+
+
+def _elsewhere(folder: Path, name: str) -> str | None:
+    """The image of that name one folder below, where there is just one, as a table would write it."""
+    found = list(itertools.islice(folder.glob(f"*/{glob.escape(PurePosixPath(name).name)}"), 2))
+    return found[0].relative_to(folder).as_posix() if len(found) == 1 else None
 
 
 def is_inside(path: Path, root: Path) -> bool:

@@ -43,6 +43,11 @@ def swapped_rows(room: Path) -> None:
     path.write_text("\n".join([head, second, first, *rest]))
 
 
+def one_folder_down(room: Path) -> None:
+    (room / "references" / "images").mkdir()
+    (room / "references" / "ref_001.png").rename(room / "references" / "images" / "ref_001.png")
+
+
 FAULTS: list[tuple[Callable[[Path], None], str, list[str]]] = [
     (lambda room: (room / "dataset.yaml").unlink(), "dataset.yaml", ["no such file"]),
     (replace("dataset.yaml", "panoloc-dataset/1", "panoloc-dataset/9"), "dataset.yaml", ["format", "panoloc-dataset/1"]),
@@ -77,6 +82,7 @@ FAULTS: list[tuple[Callable[[Path], None], str, list[str]]] = [
     ),
     (replace("references/poses.csv", "ref_001", "ref_000"), "poses.csv:3", ["ref_000.png is already in line 2", "keep one"]),
     (replace("references/poses.csv", "ref_001", "ref_009"), "poses.csv:3", ["ref_009.png: no such file", "drop this row"]),
+    (one_folder_down, "poses.csv:3", ["ref_001.png: no such file", "write images/ref_001.png"]),
     (lambda room: (room / "references/poses.csv").unlink(), "references/poses.csv", ["no such file", "file, x, y, theta"]),
     (written("references/poses.csv", "file,x,y,theta\n"), "poses.csv", ["holds no rows"]),
     (swapped_rows, "frames.csv:3", ["timestamp", "does not increase"]),
