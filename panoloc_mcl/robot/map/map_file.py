@@ -83,7 +83,9 @@ def read(path: Path) -> tuple[dict[str, Any], Tensors]:
                 return header, _mapped(path)
             return header, {name: container.get_tensor(name) for name in container.keys()}  # noqa: SIM118
     except (SafetensorError, OSError, TypeError, LookupError) as error:
-        raise MapError(f"{path}: not a map file, or cut short ({error}); build it again with panoloc build-map") from error
+        raise MapError(
+            f"{path}: not a map file, or cut short ({error}); check the path, or build it again with panoloc build-map"
+        ) from error
 
 
 def _mapped(path: Path) -> Tensors:

@@ -117,6 +117,12 @@ def _scan(path: Path, recording: RecordingSettings | None, scan: Scan) -> Scan:
     if not path.is_dir():
         scan.faults.append(f"{path}: no such folder; name a data set folder (one that holds dataset.yaml)")
         return scan
+    if not any((path / part).exists() for part in ("dataset.yaml", "references", "sequences")):
+        scan.faults.append(
+            f"{path}: neither a data set (it holds no dataset.yaml) nor a recording (a bag, mcap or video, or images named by their "
+            "times beside an odometry.tum); check the path"
+        )
+        return scan
     info = _read_info(path / "dataset.yaml", scan.faults)
     camera = info.camera if info is not None else None
     # Folders that share the camera of dataset.yaml must share its image size, too.

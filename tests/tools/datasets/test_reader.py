@@ -129,6 +129,13 @@ def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
     assert len(check_dataset(tmp_path / "none")) == 1
 
 
+def test_a_folder_of_something_else(tmp_path: Path) -> None:
+    (tmp_path / "photo.jpg").write_bytes(b"")
+    (fault,) = check_dataset(tmp_path)
+    assert fault.startswith(f"{tmp_path}: neither a data set (it holds no dataset.yaml) nor a recording (")
+    assert "odometry.tum" in fault
+
+
 def test_a_good_dataset(room: Path) -> None:
     assert check_dataset(room) == []
     dataset = read_dataset(room)
