@@ -12,8 +12,10 @@ import pytest
 from panoloc_mcl.tools.cli.results.plot import FIGURES
 from panoloc_mcl.tools.datasets import EMBEDDED
 from panoloc_mcl.tools.report import figures
+from panoloc_mcl.tools.report.pages.plotly_script import can_plot
 
 needs_matplotlib = pytest.mark.skipif(not figures.can_draw(), reason="matplotlib is not installed")
+needs_plotly = pytest.mark.skipif(not can_plot(), reason="plotly is not installed")
 ENTITIES = (
     "/map/references",
     "/map/graph/relative_pose",
@@ -98,6 +100,7 @@ def test_folders_that_are_no_results_are_one_line(full_run, panoloc, tmp_path, c
 
 
 @needs_matplotlib
+@needs_plotly
 @pytest.mark.parametrize("damage", [b"", b"PK\x03\x04 no such thing", None])
 def test_damaged_frames_are_one_line(full_run, panoloc, tmp_path, damage):
     def change(folder):

@@ -12,6 +12,7 @@ import pytest
 from panoloc_mcl import load_config
 from panoloc_mcl.tools.config import config_to_yaml
 from panoloc_mcl.tools.datasets import read_tum
+from panoloc_mcl.tools.report.pages.plotly_script import can_plot
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 SEQUENCES = ("afternoon_00", "evening_00", "noon_00", "people_00")
@@ -28,7 +29,8 @@ def test_it_succeeds_and_the_path_comes_last(full_run):
     assert (full_run.folder.parent / "latest").resolve() == full_run.folder.resolve()
     assert "Figures by group" in full_run.out
     assert "Beside Table 2" not in full_run.out
-    assert full_run.err.splitlines()[-1] == "images: 80/80"
+    # Without plotly, a last line says that the report has no player.
+    assert full_run.err.splitlines()[-1 if can_plot() else -2] == "images: 80/80"
     assert "\x1b" not in full_run.out + full_run.err
 
 
