@@ -5,7 +5,8 @@ import pytest
 from oracles.furnished_room import build_room
 
 from panoloc_mcl.robot.camera import PanoramaGeometry
-from panoloc_mcl.tools.datasets import Dataset, read_dataset
+from panoloc_mcl.robot.map.panorama_map import PanoramaMap
+from panoloc_mcl.tools.datasets import Dataset, Sequence, read_dataset
 
 
 @pytest.fixture(scope="session")
@@ -15,6 +16,18 @@ def small_room(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     path: Path = tmp_path_factory.mktemp("small_room") / "data"
     build_room(path, frames=12, geometry=PanoramaGeometry(90, 36, -50.0, 25.0), grid=grid, lights=("noon",))
     return read_dataset(path)
+
+
+@pytest.fixture(scope="module")
+def panorama_map(small_room: Dataset) -> PanoramaMap:
+    """A map of it."""
+    return PanoramaMap.build(small_room)
+
+
+@pytest.fixture(scope="module")
+def drive(small_room: Dataset) -> Sequence:
+    """Its drive."""
+    return small_room.sequences["noon_00"]
 
 
 @pytest.fixture(scope="session")

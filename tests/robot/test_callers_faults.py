@@ -30,11 +30,6 @@ MODES = ["monte_carlo", "kalman_orientation"]
 
 
 @pytest.fixture(scope="module")
-def panorama_map(small_room: Dataset) -> PanoramaMap:
-    return PanoramaMap.build(small_room)
-
-
-@pytest.fixture(scope="module")
 def drive(small_room: Dataset):
     sequence = small_room.sequences["noon_00"]
     return SimpleNamespace(

@@ -23,11 +23,6 @@ AT = 6
 
 
 @pytest.fixture(scope="module")
-def panorama_map(small_room: Dataset) -> PanoramaMap:
-    return PanoramaMap.build(small_room)
-
-
-@pytest.fixture(scope="module")
 def drive(small_room: Dataset) -> SimpleNamespace:
     sequence = small_room.sequences["noon_00"]
     return SimpleNamespace(

@@ -23,11 +23,6 @@ from panoloc_mcl.tools.datasets import Dataset, read_image
 MODES = ["monte_carlo", "kalman_orientation"]
 
 
-@pytest.fixture(scope="module")
-def panorama_map(small_room: Dataset) -> PanoramaMap:
-    return PanoramaMap.build(small_room)
-
-
 class Drive:
     """Frames, odometry and truth of the small room's drive."""
 

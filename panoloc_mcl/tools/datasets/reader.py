@@ -119,8 +119,8 @@ def _scan(path: Path, recording: RecordingSettings | None, scan: Scan) -> Scan:
         return scan
     if not any((path / part).exists() for part in ("dataset.yaml", "references", "sequences")):
         scan.faults.append(
-            f"{path}: neither a data set (it holds no dataset.yaml) nor a recording (a bag, mcap or video, or images named by their "
-            "times beside an odometry.tum); check the path"
+            f"{path}: neither a data set (it holds no dataset.yaml) nor a recording (a bag, mcap, video or COLD sequence, or images "
+            "named by their times beside an odometry.tum); check the path"
         )
         return scan
     info = _read_info(path / "dataset.yaml", scan.faults)

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import csv
-import glob
 import io
-import itertools
 import math
 import os
 from collections.abc import Iterable
@@ -195,8 +193,10 @@ def _check_file(
 
 def _elsewhere(folder: Path, name: str) -> str | None:
     """The image of that name one folder below, where there is just one, as a table would write it."""
-    found = list(itertools.islice(folder.glob(f"*/{glob.escape(PurePosixPath(name).name)}"), 2))
-    return found[0].relative_to(folder).as_posix() if len(found) == 1 else None
+    image = PurePosixPath(name).name
+    with os.scandir(folder) as entries:
+        below = [entry.name for entry in entries if image and entry.is_dir() and _is_file(folder / entry.name / image)]
+    return f"{below[0]}/{image}" if len(below) == 1 else None
 
 
 def is_inside(path: Path, root: Path) -> bool:

@@ -113,6 +113,14 @@ def test_a_fault_is_one_line_with_place_value_and_remedy(
     assert check_dataset(room)[0] == fault
 
 
+@pytest.mark.parametrize("name", ["a" * 300 + ".png", "..", ".", "images"])
+def test_what_no_image_can_be_called_is_looked_for_nowhere_else(room: Path, name: str) -> None:
+    (room / "references" / "images").mkdir()
+    replace("references/poses.csv", "ref_001.png", name)(room)
+    (fault,) = check_dataset(room)
+    assert fault.endswith("add the image, or drop this row")
+
+
 def test_every_fault_is_reported_at_once(room: Path) -> None:
     replace("dataset.yaml", "clockwise", "left")(room)
     replace("references/poses.csv", "1.0,", "nan,")(room)

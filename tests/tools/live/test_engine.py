@@ -14,24 +14,14 @@ from panoloc_mcl.robot.filters import Status
 from panoloc_mcl.robot.interface.answers import TimedPose
 from panoloc_mcl.robot.localizer import Localizer
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
-from panoloc_mcl.tools.datasets import Dataset, read_image
 from panoloc_mcl.tools.datasets import Sequence as Drive
+from panoloc_mcl.tools.datasets import read_image
 from panoloc_mcl.tools.datasets.recordings import sequence_of
 from panoloc_mcl.tools.live import Answer, Engine
 from panoloc_mcl.tools.live.inputs import played
 from panoloc_mcl.tools.live.json_lines import JsonLines
 from panoloc_mcl.tools.live.recorder import McapRecorder
 from panoloc_mcl.tools.streams import Image, Odometry, answers, recorded
-
-
-@pytest.fixture(scope="module")
-def panorama_map(small_room: Dataset) -> PanoramaMap:
-    return PanoramaMap.build(small_room)
-
-
-@pytest.fixture(scope="module")
-def drive(small_room: Dataset) -> Drive:
-    return small_room.sequences["noon_00"]
 
 
 class Collected:

@@ -12,13 +12,8 @@ from panoloc_mcl.robot.errors import DatasetError, PanolocError
 from panoloc_mcl.robot.images import read_image
 from panoloc_mcl.robot.settings.validation import dump_yaml
 from panoloc_mcl.tools.cli.main import main
-from panoloc_mcl.tools.datasets import Dataset, Sequence
+from panoloc_mcl.tools.datasets import Sequence
 from panoloc_mcl.tools.datasets.recordings import recordings_in, sequence_of
-
-
-@pytest.fixture(scope="module")
-def drive(small_room: Dataset) -> Sequence:
-    return small_room.sequences["noon_00"]
 
 
 def cut(file: Path, part: float) -> None:

@@ -17,11 +17,6 @@ from panoloc_mcl.tools.datasets.recordings import read_recording, sequence_of
 from panoloc_mcl.tools.datasets.references.from_drive import references_from
 
 
-@pytest.fixture(scope="module")
-def drive(small_room: Dataset) -> Sequence:
-    return small_room.sequences["noon_00"]
-
-
 def same_track(one, other) -> bool:
     return np.array_equal(one.times, other.times) and np.array_equal(one.poses, other.poses)
 
