@@ -8,6 +8,17 @@ from panoloc_mcl.robot.camera import PanoramaGeometry
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.tools.datasets import Dataset, Sequence, read_dataset
 
+# Fixtures that take more than a few seconds to make: a test that asks for one is slow.
+_SLOW_FIXTURES = {"full_run", "its_map", "made", "room_map", "world_with_a_black_post"}
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark tests of slow fixtures before ``-m`` chooses."""
+    for item in items:
+        if _SLOW_FIXTURES.intersection(getattr(item, "fixturenames", ())):
+            item.add_marker(pytest.mark.slow)
+
 
 @pytest.fixture(scope="session")
 def small_room(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
@@ -18,13 +29,13 @@ def small_room(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     return read_dataset(path)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def panorama_map(small_room: Dataset) -> PanoramaMap:
-    """A map of it."""
+    """A map of it. Not to be changed."""
     return PanoramaMap.build(small_room)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def drive(small_room: Dataset) -> Sequence:
     """Its drive."""
     return small_room.sequences["noon_00"]

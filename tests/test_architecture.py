@@ -24,6 +24,7 @@ def test_parts_import_only_what_they_may():
     run_tool("lint-imports", "--no-cache")
 
 
+@pytest.mark.slow
 def test_types():
     run_tool("mypy")
 

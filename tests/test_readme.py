@@ -79,6 +79,7 @@ def test_the_readme_is_a_page_and_a_half():
     assert len(README.splitlines()) <= 220
 
 
+@pytest.mark.slow
 def test_the_program_of_a_robot_runs(small_room, tmp_path, monkeypatch, capsys):
     program = re.search(r"```python\n(.*?)```", README.split("\n## On the robot\n")[1], flags=re.DOTALL)[1]
     assert len(program.splitlines()) <= 31

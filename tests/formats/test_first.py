@@ -66,6 +66,7 @@ def test_results_are_read_and_counted_again(tmp_path, capsys):
     assert "position_median_m" in json.dumps(again)
 
 
+@pytest.mark.slow
 def test_a_run_is_repeated(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("PANOLOC_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.chdir(shutil.copytree(FIRST, tmp_path / "first"))

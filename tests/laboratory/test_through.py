@@ -19,8 +19,7 @@ class Darker(SeenThrough):
 
 
 @pytest.mark.slow
-def test_tracked_images_are_changed_like_searched_ones(small_room: Dataset) -> None:
-    panorama_map = PanoramaMap.build(small_room)
+def test_tracked_images_are_changed_like_searched_ones(small_room: Dataset, panorama_map: PanoramaMap) -> None:
     model = panorama_map.observation_model()
     through = Darker(model)
     assert isinstance(model, TrackingModel)

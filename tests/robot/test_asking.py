@@ -25,9 +25,8 @@ histories = st.lists(happenings, min_size=1, max_size=8)
 
 
 @pytest.fixture(scope="module")
-def world(small_room: Dataset):
+def world(small_room: Dataset, panorama_map: PanoramaMap):
     """The map and its model, and what a drive in it gives."""
-    panorama_map = PanoramaMap.build(small_room)
     drive = small_room.sequences["noon_00"]
     return panorama_map, drive, [read_image(file) for file in drive.files]
 

@@ -133,6 +133,7 @@ def test_an_archive_that_unpacks_to_more_than_it_is_is_refused(tmp_path):
         read_arrays(path)
 
 
+@pytest.mark.slow
 @given(st.data())
 @settings(max_examples=300, deadline=None)
 def test_no_damage_to_a_state_is_more_than_a_known_error(tmp_path_factory, data):

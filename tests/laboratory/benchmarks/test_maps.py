@@ -33,6 +33,7 @@ def built(bare) -> PanoramaMap:
     return PanoramaMap.build(read_dataset(bare), ObservationSettings(votes=votes))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tiles", [1, 3])
 def test_every_tile_answers_as_the_map(tiles: int, built, tmp_path: Path) -> None:
     many = tiled(built, tiles)

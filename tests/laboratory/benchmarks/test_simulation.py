@@ -19,6 +19,7 @@ objects:
 RUN = "{name: bare, scene: scene.yaml, references_light: lamp, size: [30, 12], rendering: {samples: 16}}"
 
 
+@pytest.mark.slow
 def test_it_has_a_row_for_each_variant(ask, tmp_path: Path) -> None:
     (tmp_path / "scene.yaml").write_text(ROOM)
     (tmp_path / "run.yaml").write_text(RUN)

@@ -69,6 +69,7 @@ def test_the_key_goes_with_the_data_and_not_with_their_place(plan_of, small_room
     assert not set(before) & {job.key for job in jobs(plan_of(datasets=[str(copy)]))}
 
 
+@pytest.mark.slow
 def test_all_models_see_the_same_corrupted_images(plan_of, monkeypatch):
     seen: dict[str, list[np.ndarray]] = {}
 
@@ -103,6 +104,7 @@ def test_frames_are_dropped_and_cut_off(plan_of):
     assert "no frame is left of 3" in attempt(job).text
 
 
+@pytest.mark.slow
 def test_an_imperfect_data_set_is_written_once_and_run_over(plan_of, monkeypatch):
     (clean, job, again) = jobs(
         plan_of(corruptions=["clean", "body:strong", "body:strong+told"], observations=["votes"], seeds=1)
@@ -128,6 +130,7 @@ def test_an_imperfect_data_set_is_written_once_and_run_over(plan_of, monkeypatch
     assert not np.array_equal(other.records[0].poses, first.records[0].poses)
 
 
+@pytest.mark.slow
 def test_single_images_tell_of_the_base_too(plan_of):
     """A camera that is mounted off the base, and told to be, changes nothing that is said of the base."""
     (clean, job) = jobs(plan_of(corruptions=["clean", "mount:strong+told"], observations=["votes"], seeds=1))
@@ -166,6 +169,7 @@ def test_a_truncated_cell_is_refused(plan_of, tmp_path, share):
         read_runs(tmp_path / "cell.npz", job.key)
 
 
+@pytest.mark.slow
 def test_what_goes_wrong_is_one_line(plan_of, monkeypatch):
     (job,) = jobs(plan_of(observations={"paper": {"paper": {"components": 50}}}, seeds=1))
     failure = attempt(job)

@@ -38,6 +38,7 @@ def rows_in(folder):
         return list(csv.DictReader(stream))
 
 
+@pytest.mark.slow
 def test_finished_cells_are_not_run_again(plan_of, tmp_path):
     first = compare(plan_of(), tmp_path, Counting(), plots=False)
     assert first.ran == 4
@@ -78,6 +79,7 @@ def test_a_truncated_cell_is_run_again(plan_of, tmp_path):
     assert (tmp_path / "small" / "table.csv").read_bytes() == table
 
 
+@pytest.mark.slow
 def test_a_failing_cell_is_one_row_and_the_rest_goes_on(plan_of, tmp_path):
     plan = plan_of(observations={"votes": {}, "paper": {"paper": {"components": 50}}}, seeds=1)
     study = compare(plan, tmp_path, plots=False)

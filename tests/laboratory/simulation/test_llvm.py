@@ -66,6 +66,7 @@ def test_a_child_that_dies(library, monkeypatch, child, said):
     assert "0x" not in wrong
 
 
+@pytest.mark.slow
 def test_one_of_those_that_ought_to_work_does():
     recent = [path for path in candidates() if llvm._version(path) >= (17,)]
     if not recent:

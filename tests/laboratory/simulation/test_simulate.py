@@ -215,6 +215,7 @@ def test_stopped_and_resumed(made, tiny_folder, tmp_path, after):
     assert contents(tmp_path / "data") == contents(made)
 
 
+@pytest.mark.slow
 def test_killed_without_warning(made, tiny_folder, tmp_path, simulation_cache):
     program = (
         "import os, signal, sys; from pathlib import Path\n"

@@ -26,6 +26,7 @@ def ablate(ask, small_room):
     return run
 
 
+@pytest.mark.slow
 def test_a_table_of_two_models_and_two_conditions(ablate, tmp_path):
     answer, rows = ablate(
         *("--models", "votes", "orientation_correlation", "--switches", "none", "--every", "4", "--out", tmp_path),
@@ -79,6 +80,7 @@ def test_every_model_stands_in_the_short_table():
     assert {name.partition("/")[0] for name in ablation.SHORT} == set(MODELS) - of_today == of_models
 
 
+@pytest.mark.slow
 def test_the_seed_decides_all_but_the_times(ablate):
     words = ("--models", "orientation_correlation", "--conditions", "random_pixels:0.5", "--every", "6")
     rows = [ablate(*words, "--seed", seed)[1] for seed in "334"]
@@ -87,6 +89,7 @@ def test_the_seed_decides_all_but_the_times(ablate):
     assert first != other
 
 
+@pytest.mark.slow
 def test_a_model_that_cannot_be_built_is_a_row_and_the_rest_goes_on(ablate):
     # The small room spans fewer eigenimages than are asked for.
     words = ("--models", "eigenspace", "fourier_signature", "--switches", "magnitudes", "--conditions", "clean")
@@ -117,6 +120,7 @@ def test_a_model_that_fails_on_a_condition_is_a_row_and_the_rest_goes_on(ablate,
     assert rows["orientation_correlation", "clean"]["images"] == 2
 
 
+@pytest.mark.slow
 def test_an_image_that_says_nothing_counts_as_a_miss(ablate):
     _, rows = ablate("--models", "votes", "--switches", "no_virtual_places", "--conditions", "gain:0", "--every", "4")
     row = rows["votes/no_virtual_places", "gain:0"]

@@ -10,6 +10,7 @@ def test_the_table_holds_every_condition_and_all_of_them_together(ask, small_roo
     assert [row["images"] for row in answer.rows()] == ["clean", "bars:0.5", "all but foreign"]
 
 
+@pytest.mark.slow
 def test_a_map_that_learns_nothing_says_which_setting(ask, small_room):
     words = ["--dataset", small_room.path, "--set", "observation.votes.calibration_references=0"]
     answer = ask("study", "confidence", *words)

@@ -27,12 +27,14 @@ def test_errors_of_field_and_refined_pose(images):
     assert worst == sorted(worst, reverse=True)
 
 
+@pytest.mark.slow
 def test_a_map_from_every_second_reference(images):
     answer = images("--references", "checkerboard")
     assert "6 of 12 references" in answer.report["title"]
     assert median_mm(answer, "noon, refined") < 50.0
 
 
+@pytest.mark.slow
 def test_disturbed_poses_make_errors_of_their_own_size(images):
     exact, answer = images(), images("--disturb", "5", "2", "--seed", "1")
     assert "(seed 1)" in answer.report["title"]

@@ -39,6 +39,7 @@ def test_only_what_is_near_the_disturbed_ones_is_looked_at() -> None:
     assert part.names == ("ref_0.png", "ref_1.png", "ref_3.png")
 
 
+@pytest.mark.slow
 def test_a_wrong_pose_is_left_out_and_no_right_one(ask, small_room):
     answer = ask("study", "poses", "--dataset", small_room.path, "--draws", "1")
     assert answer.code == 0

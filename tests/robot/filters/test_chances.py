@@ -226,6 +226,7 @@ def test_a_covariance_is_carried_as_particles_are() -> None:
     assert np.cov(belief.poses.T) == pytest.approx(covariance, abs=2e-4)
 
 
+@pytest.mark.slow
 def test_the_likelihood_has_mean_one_over_the_map() -> None:
     rng = np.random.default_rng(0)
     # Cells, as the field has them.

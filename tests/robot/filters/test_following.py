@@ -99,6 +99,7 @@ def test_places_that_are_anywhere_are_noticed_within_three_images() -> None:
     assert late <= 10
 
 
+@pytest.mark.slow
 def test_they_do_not_make_sure_again_by_luck() -> None:
     robot, sure = Robot(1), 0
     for _ in range(20):

@@ -118,6 +118,7 @@ def test_one_image_is_located_by_itself(panorama_map: PanoramaMap, drive: Drive)
         localizer.locate(image[:10])
 
 
+@pytest.mark.slow
 def test_another_map_takes_over_only_if_it_fits(panorama_map: PanoramaMap, drive: Drive, room) -> None:
     from panoloc_mcl.tools.datasets import read_dataset
 

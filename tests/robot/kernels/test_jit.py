@@ -62,6 +62,7 @@ def test_kernels_agree_with_their_oracles_without_the_compiler() -> None:
     assert " passed" in run.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="nothing is compiled")
 def test_a_kernel_that_was_kept_for_other_types_is_compiled_again(tmp_path: Path) -> None:
     """As two processes leave it that compile at once, for different types, into one folder."""

@@ -166,12 +166,14 @@ def test_another_camera_and_one_with_a_mask_are_left_as_they_are(with_body: Data
     assert its_map.as_found(own) is own
 
 
+@pytest.mark.slow
 def test_it_can_be_switched_off(with_body: Dataset) -> None:
     built = PanoramaMap.build(with_body, settings=MapSettings(file=None, find_body=False, mend=False))
     assert not built.found_body
     assert built.camera.mask is None
 
 
+@pytest.mark.slow
 def test_without_a_body_nothing_changes(small_room: Dataset) -> None:
     maps = [
         PanoramaMap.build(small_room, settings=MapSettings(file=None, find_body=look, mend=False)) for look in (True, False)

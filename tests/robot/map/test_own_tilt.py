@@ -58,6 +58,7 @@ def its_map(leaning: Room) -> PanoramaMap:
     return PanoramaMap.build(leaning)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("tilt", "seed"), [((1.0, 0.0), 1), ((-1.2, 2.0), 2), ((0.0, -3.0), 3), ((5.0, 4.0), 4)])
 def test_a_lean_is_found(tilt: tuple[float, float], seed: int, tmp_path: Path) -> None:
     camera, (note,) = with_found_tilt(room(tmp_path, tilt, seed=seed).references, VotesSettings())
@@ -65,6 +66,7 @@ def test_a_lean_is_found(tilt: tuple[float, float], seed: int, tmp_path: Path) -
     assert "leans on its mount" in note
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
 def test_an_upright_camera_is_left_alone(seed: int, tmp_path: Path) -> None:
     assert with_found_tilt(room(tmp_path, (0.0, 0.0), seed=seed).references, VotesSettings()) == (CAMERA, ())

@@ -178,6 +178,7 @@ def test_a_map_that_cannot_be_written_is_one_line_and_leaves_nothing(dataset: Da
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["data", "file"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("columns", [(0, 0, 0, 0), (3, 11, 30, 59), (-7, 60, 1, 2)])
 def test_references_at_other_headings_give_the_same_map(columns: tuple, dataset: Dataset, tmp_path: Path) -> None:
     poses = POSES.copy()
@@ -198,6 +199,7 @@ def test_a_heading_between_columns_gives_nearly_the_same_map(dataset: Dataset, t
     assert np.abs(difference).mean() < 2.0
 
 
+@pytest.mark.slow
 def test_the_layout_of_the_columns_does_not_matter(dataset: Dataset, tmp_path: Path) -> None:
     plain = PanoramaMap.build(dataset)
     other = CAMERA.model_copy(update={"columns": "counterclockwise", "heading_column": 17.0})
@@ -234,6 +236,7 @@ def test_a_camera_that_looks_elsewhere_is_refused(dataset: Dataset) -> None:
     assert built.unwrapper(PanoramaCamera(elevation_deg=(-50.0, 10.0))).valid is not None
 
 
+@pytest.mark.slow
 def test_other_settings_are_computed_from_the_references(dataset: Dataset) -> None:
     built = PanoramaMap.build(dataset)
     signed = ObservationSettings(votes=VotesSettings(gradient="signed"))

@@ -52,6 +52,7 @@ def test_enlarging_the_images_changes_nothing(sharp, factor: int) -> None:
     assert np.abs(back.pixels.astype(int) - sharp.pixels).mean() < 3.0
 
 
+@pytest.mark.slow
 def test_where_fine_structure_is_noise_coarser_pixels_are_compared(sharp) -> None:
     large = enlarged(sharp, 2)
     noisy = np.clip(large.pixels + np.random.default_rng(0).normal(0.0, 50.0, large.pixels.shape), 5, 250).astype(np.uint8)
@@ -122,6 +123,7 @@ def test_a_column_that_begins_within_another_is_as_sharp_as_one_that_does_not(wa
     assert spectrum[waves] == pytest.approx(kept, abs=0.02)
 
 
+@pytest.mark.slow
 def test_a_model_takes_images_of_the_size_of_its_references(sharp) -> None:
     settings = VotesSettings(columns=60, calibration_references=0)
     model = VotesModel.build(sharp, settings)

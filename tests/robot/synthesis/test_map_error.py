@@ -87,6 +87,7 @@ def test_errors_with_heavy_tails_widen_the_claim() -> None:
     assert 0.78 < np.mean(inside) < 0.93
 
 
+@pytest.mark.slow
 def test_one_wild_trial_is_not_believed() -> None:
     trials = trials_of(truth_of(of_pose=np.array([0.002, 0.001])), 100, 0)
     wild = Trial(np.array([0.25, 0.1, 0.1]), SCATTER, np.ones(1), np.zeros((1, 2)))

@@ -92,6 +92,7 @@ def test_a_map_whose_views_are_of_references_that_are_not_there_is_refused(built
         PanoramaMap.load(tmp_path / "damaged.panomap")
 
 
+@pytest.mark.slow
 def test_a_map_does_not_depend_on_the_threads(built) -> None:
     rough = VIRTUAL.model_copy(update={"spacing_m": 0.4, "wall_distances": 6})
     one, other = (
@@ -167,6 +168,7 @@ BUILDING = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("changes", "builds_expected"), [*((c, 1) for c in OBSERVING), *((c, 2) for c in BUILDING)], ids=str)
 def test_only_what_a_map_depends_on_builds_it_again(
     changes, builds_expected: int, dataset, image, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

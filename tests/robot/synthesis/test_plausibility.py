@@ -72,6 +72,7 @@ def test_two_swapped_poses_are_both_named_with_where_they_belong(right) -> None:
     assert found.notes(right.names) == found.doubts
 
 
+@pytest.mark.slow
 def test_of_many_places_those_around_the_references_most_alike_are_enough(right, monkeypatch: pytest.MonkeyPatch) -> None:
     swapped = moved(right, {1: POSITIONS[6], 6: POSITIONS[1]})
     everywhere, looked_at = check(swapped), []
@@ -110,6 +111,7 @@ def test_a_wrong_heading_is_named_with_the_right_one(right) -> None:
     assert "theta -30 degrees from what is given" in doubt
 
 
+@pytest.mark.slow
 def test_it_does_not_depend_on_the_threads(right) -> None:
     one, other = (check(moved(right, {4: (3.2, 2.4)}), threads=threads) for threads in (1, 3))
     assert np.array_equal(one.warped, other.warped)

@@ -200,6 +200,7 @@ def test_an_occluder_over_a_quarter_of_the_view_does_not_pull_the_pose(fine) -> 
             assert 2 <= hidden.sum() <= 9
 
 
+@pytest.mark.slow
 def test_poses_are_where_many_more_steps_would_lead_though_image_and_views_share_only_part(fine, monkeypatch) -> None:
     refiner, sought = PoseRefiner(fine.swept, SETTINGS), []
     for number, (truth, off) in enumerate(starts(8)):

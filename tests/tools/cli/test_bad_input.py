@@ -126,6 +126,7 @@ class TestConfigurations:
     def test_file_that_is_not_there(self, panoloc, tmp_path):
         refused(panoloc("run", tmp_path / "none.yaml"), tmp_path, "none.yaml: no such file")
 
+    @pytest.mark.slow
     def test_start_from_ground_truth_that_is_not_there(self, run_small, drive, tmp_path):
         (drive / "groundtruth.tum").unlink()
         done = run_small(config="track")
@@ -206,6 +207,7 @@ class TestOutput:
         assert done.code == 2
         assert "cannot be made" in done.err.splitlines()[-1]
 
+    @pytest.mark.slow
     def test_cache_that_cannot_be_written_costs_a_line(self, run_small, tmp_path, monkeypatch):
         (tmp_path / "file").write_text("")
         monkeypatch.setenv("PANOLOC_CACHE_DIR", str(tmp_path / "file" / "cache"))

@@ -13,6 +13,7 @@ CONFIGS = Path(__file__).parents[3] / "configs"
 CHECKED = [path for path in sorted(CONFIGS.glob("*.yaml")) if not path.stem.startswith(("compare_", "live"))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", CHECKED, ids=lambda path: path.stem)
 def test_shipped_configurations_have_no_faults(panoloc, path):
     done = panoloc("check", path)
@@ -57,6 +58,7 @@ def test_what_configuration_and_data_set_ask_of_each_other(panoloc, small_room, 
     assert "noon_00 has no ground truth" in done.err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("gap", "named"), [(1.0, False), (15.0, False), (60.0, False), ("uneven", False), (200.0, True)])
 def test_images_far_apart_without_odometry_count_or_are_named(gap, named, panoloc, small_room, drive):
     """Far apart but evenly, they count (`tests/robot/test_clocks.py`); where they would not, the check says so before a run does."""
@@ -74,6 +76,7 @@ def test_images_far_apart_without_odometry_count_or_are_named(gap, named, panolo
         assert panoloc("check", CONFIGS / "global.yaml", *words).code == 0
 
 
+@pytest.mark.slow
 def test_nothing_is_kept_of_it(panoloc, tmp_path, monkeypatch):
     monkeypatch.setenv("PANOLOC_CACHE_DIR", str(tmp_path / "cache"))
     assert panoloc("check", CONFIGS / "global.yaml").code == 0

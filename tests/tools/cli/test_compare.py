@@ -16,6 +16,7 @@ def compare(panoloc, small_room, tmp_path):
     return call
 
 
+@pytest.mark.slow
 def test_a_shipped_matrix_from_the_command_line(compare, tmp_path):
     sets = [f"--set={one}" for one in ("seeds=1", "baseline=null", "observations=[orientation_correlation]")]
     words = (CONFIGS / "compare_references.yaml", "--no-plots", *sets)

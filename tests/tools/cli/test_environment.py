@@ -59,6 +59,7 @@ def test_a_map_in_a_closed_folder(panoloc, small_room, tmp_path, forbid):
     assert "a.panomap: cannot be read (Permission denied)" in done.err
 
 
+@pytest.mark.slow
 def test_the_cache_of_another_user_costs_a_warning_and_not_the_run(panoloc, run_small, tmp_path, forbid, monkeypatch):
     monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path / "theirs"))
     forbid(tmp_path / "theirs")
@@ -85,6 +86,7 @@ def test_a_cache_at_the_home_of_nobody(value, run_small, monkeypatch):
     assert done.err.splitlines()[-1].startswith(f"PANOLOC_CACHE_DIR = {value}: there is no such home folder")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shut", [">&-", "2>&-", ">&- 2>&-", "> /dev/full"])
 def test_streams_that_are_shut(shut, small_room):
     words = f"{sys.executable} -m panoloc_mcl inspect {small_room} {shut}"
@@ -94,6 +96,7 @@ def test_streams_that_are_shut(shut, small_room):
     assert done.returncode == (2 if "full" in shut else 0)
 
 
+@pytest.mark.slow
 def test_a_terminal_that_knows_ascii_only(panoloc_process, small_room, tmp_path):
     done = panoloc_process("inspect", small_room, cwd=tmp_path, PYTHONIOENCODING="ascii", LC_ALL="C")
     assert done.code == 0
@@ -161,6 +164,7 @@ class TestTables:
         assert done.code == 2
         assert f"file {name}: leads out of {small_room}" in done.err
 
+    @pytest.mark.slow
     def test_images_may_lie_elsewhere_in_the_data_set(self, panoloc, small_room):
         table = small_room / "sequences" / "noon_00" / "frames.csv"
         lines = table.read_text().splitlines()

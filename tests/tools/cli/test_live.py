@@ -40,6 +40,7 @@ def lines(text: str) -> list[dict]:
     return [json.loads(line) for line in text.splitlines() if line.startswith("{")]
 
 
+@pytest.mark.slow
 def test_a_robot_on_one_of_two_floors(setup, tmp_path: Path, capsys) -> None:
     folder, dataset = setup
     shutil.copy(folder / "room.panomap", tmp_path / "ground.panomap")

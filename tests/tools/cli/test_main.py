@@ -87,6 +87,7 @@ def test_the_package_is_the_command():
     assert done.stdout.startswith("panoloc ")
 
 
+@pytest.mark.slow
 def test_a_closed_pipe_is_quiet(tmp_path):
     read_end, write_end = os.pipe()
     os.close(read_end)

@@ -158,6 +158,7 @@ def test_inspect_knows_nothing_else(panoloc):
     assert done.err == f"nowhere: neither a map file, a data set nor a results folder; check the path, or use {known}\n"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(importlib.util.find_spec("rerun") is None, reason="rerun is not installed")
 def test_the_viewers_own_tools_read_the_file_back(run_small, tmp_path):
     path = tmp_path / "run.rrd"

@@ -149,6 +149,7 @@ def test_tracking_with_the_kalman_filter_stands_beside_the_paper(run_small):
     assert "Beside Table 2 of Steinbauer & Bischof (2004)" in done.out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", sorted(path.stem for path in CONFIGS.glob("*.yaml") if not path.stem.startswith(("compare_", "simulate_", "live")))
 )

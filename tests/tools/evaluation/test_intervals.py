@@ -99,6 +99,7 @@ def test_a_drive_counts_once_for_the_interval_of_a_median():
     assert quantile95_over_drives(np.repeat(values, 40), np.repeat(np.arange(9), 40)) == once
 
 
+@pytest.mark.slow
 def test_intervals_of_medians_over_drives_hold_the_truth_as_often_as_they_say():
     rng = np.random.default_rng(0)
     held = []

@@ -17,6 +17,7 @@ from panoloc_mcl.tools.streams import recorded
 TOPICS = {"/tf", "/pose", "/particles", "/map", "/panorama", "/status"}
 
 
+@pytest.mark.slow
 def test_a_client_reads_every_topic(small_room: Dataset) -> None:
     drive = small_room.sequences["noon_00"]
     localizer = Localizer(PanoramaMap.build(small_room))

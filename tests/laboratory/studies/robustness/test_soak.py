@@ -230,8 +230,7 @@ def test_what_breaks_is_found(small_room: Dataset, monkeypatch) -> None:
 
 
 @pytest.mark.slow
-def test_what_is_remembered_is_what_the_model_answers(small_room: Dataset, monkeypatch) -> None:
-    panorama_map = PanoramaMap.build(small_room)
+def test_what_is_remembered_is_what_the_model_answers(small_room: Dataset, panorama_map: PanoramaMap, monkeypatch) -> None:
     model = panorama_map.observation_model(ObservationSettings())
     asked, observe = [], model.observe
 

@@ -202,6 +202,7 @@ def test_an_opencv_file_need_not_know_the_size_of_images(tmp_path: Path) -> None
     assert "size_px" not in read_calibration(path).mapping()
 
 
+@pytest.mark.slow
 def test_opencv_files_may_hold_numbers_as_opencv_writes_them_and_all_that_was_calibrated_with(tmp_path: Path) -> None:
     text = (EXAMPLES / "fisheye.yaml").read_text().replace("0.0211", "211e-4").replace("-0.0132", "-.0132")
     points = ", ".join(f"{0.5 * number}" for number in range(40_000))

@@ -62,6 +62,7 @@ def test_what_is_known_of_the_whole_is_known_to_a_few_percent(fields: tuple[Vote
     assert some.guess.probability == pytest.approx(whole.guess.probability, rel=0.05)
 
 
+@pytest.mark.slow
 def test_particles_read_the_same_votes_where_they_matter(fields: tuple[VoteField, VoteField]) -> None:
     whole, some = fields
     poses = np.random.default_rng(1).uniform([0.0, 0.0, -np.pi], [39.0, 29.0, np.pi], (5000, 3))

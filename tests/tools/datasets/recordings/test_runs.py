@@ -24,6 +24,7 @@ def run(dataset: Path, out: Path, *more: str) -> Path:
     return out / "global" / "latest"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["bag", "mcap"])
 def test_a_data_set_with_recordings(form: str, small_room: Dataset, cache: Path, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setenv("PANOLOC_CACHE_DIR", str(cache))
