@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from panoloc_mcl import Localizer, PanoramaMap, StateError, Status, load_config, read_dataset
+from panoloc_mcl.robot.camera.mount import Mount
 from panoloc_mcl.robot.geometry import angle_difference
 from panoloc_mcl.tools.cli.main import main
 from panoloc_mcl.tools.datasets import read_image
@@ -55,6 +56,20 @@ def test_the_pose_of_a_state_is_taken_over(localizer, drive):
     estimate = localizer.add_image(drive.times[3], read_image(drive.files[3]))
     assert estimate.status is Status.CONVERGED
     assert_right(estimate, drive, 3)
+
+
+def test_the_pose_of_a_state_is_that_of_the_camera(localizer, monkeypatch):
+    monkeypatch.setattr(localizer, "_mount", Mount(x_m=0.2, yaw_deg=90.0))
+    given = []
+    monkeypatch.setattr(localizer, "set_pose", lambda pose, _: given.append(pose))
+    with pytest.warns(UserWarning, match="only its last pose is taken over"):
+        localizer.resume(FIRST / "state.npz")
+    with np.load(FIRST / "state.npz") as state:
+        weights = np.exp(state["filter.log_weights"])
+        mean = weights @ state["filter.poses"][:, :2] / weights.sum()
+    # From the base the camera lies 20 cm ahead.
+    heading = given[0][2]
+    np.testing.assert_allclose(given[0][:2] + 0.2 * np.array([np.cos(heading), np.sin(heading)]), mean, atol=1e-9)
 
 
 def test_results_are_read_and_counted_again(tmp_path, capsys):

@@ -39,4 +39,6 @@ def execute(args: argparse.Namespace) -> int:
     return 0
 
 
-COMMAND = Command("compare", "run a matrix or several configurations side by side: one table, plots", add_arguments, execute)
+COMMAND = Command(
+    "compare", "run a matrix or several configurations side by side: one table, plots", add_arguments, execute, goes_on=True
+)

@@ -48,4 +48,4 @@ def simulation_faults(path: Path, overrides: list[str | Override]) -> list[str]:
     return []
 
 
-COMMAND = Command("simulate", "render a data set from a scene (needs the extra simulate)", add_arguments, execute)
+COMMAND = Command("simulate", "render a data set from a scene (needs the extra simulate)", add_arguments, execute, goes_on=True)

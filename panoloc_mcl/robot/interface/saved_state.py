@@ -103,7 +103,9 @@ class SavedState(Steering):
             self.load_state(path)
             self._clock.pause()
         else:
-            self.set_pose(*earlier)
+            pose, covariance = earlier
+            # Particles are poses of the camera.
+            self.set_pose(self._mount.base_poses(pose), covariance)
             warnings.warn(f"{path}: saved by an earlier version; only its last pose is taken over", stacklevel=2)
 
     def _take_over(self, header: Mapping[str, Any], parts: Mapping[str, dict[str, NDArray[Any]]]) -> None:
@@ -185,7 +187,7 @@ def _read(path: Path, fingerprint: str, map_name: str, config: LocalizerConfig) 
 
 
 def _pose_of_earlier(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Pose and covariance of a state of an earlier form; None where it is of this one, or holds no pose, or cannot be read."""
+    """Camera pose and covariance of a state of an earlier form; None where it is of this one, holds no pose, or cannot be read."""
     try:
         header, arrays = read_arrays(path)
         poses, log_weights = arrays["filter.poses"], arrays["filter.log_weights"]

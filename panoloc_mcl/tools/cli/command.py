@@ -24,12 +24,15 @@ class Command:
         Declares its arguments.
     execute : callable
         Does the work and gives the exit code; known errors are raised.
+    goes_on : bool
+        Called again after it was interrupted, it finds what is done already.
     """
 
     name: str
     summary: str
     add_arguments: Callable[[argparse.ArgumentParser], None]
     execute: Callable[[argparse.Namespace], int]
+    goes_on: bool = False
 
 
 def add_set_option(parser: argparse.ArgumentParser) -> None:

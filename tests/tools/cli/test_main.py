@@ -9,6 +9,7 @@ import pytest
 import panoloc_mcl
 import panoloc_mcl.tools.runs.pipeline
 from panoloc_mcl.robot.errors import PanolocError
+from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.tools.cli.main import commands
 
 CONFIG = Path(__file__).parents[3] / "configs" / "global.yaml"
@@ -80,6 +81,12 @@ def test_interrupted_is_quiet(panoloc, monkeypatch):
     monkeypatch.setattr(panoloc_mcl.tools.runs.pipeline, "run", raising(KeyboardInterrupt()))
     done = panoloc("run", CONFIG)
     assert (done.code, done.out, done.err) == (130, "", "")
+
+
+def test_interrupted_work_that_is_kept_says_so(panoloc, small_room, monkeypatch):
+    monkeypatch.setattr(PanoramaMap, "build", raising(KeyboardInterrupt()))
+    done = panoloc("build-map", small_room, "-o", "a.panomap")
+    assert (done.code, done.err) == (130, "interrupted; the same command, called again, goes on from here\n")
 
 
 def test_the_package_is_the_command():

@@ -101,4 +101,6 @@ def report(built: PanoramaMap, path: str, as_json: bool, **further: Any) -> None
     print(path)
 
 
-COMMAND = Command("build-map", "build the map of a data set from its references or from drives", add_arguments, execute)
+COMMAND = Command(
+    "build-map", "build the map of a data set from its references or from drives", add_arguments, execute, goes_on=True
+)

@@ -51,4 +51,4 @@ def execute(args: argparse.Namespace) -> int:
     return 0
 
 
-COMMAND = Command("update-map", "bring a map up to date with later drives", add_arguments, execute)
+COMMAND = Command("update-map", "bring a map up to date with later drives", add_arguments, execute, goes_on=True)
