@@ -89,6 +89,10 @@ class PoseMeasurement:
         The part of the covariance that is the map's: all images nearby err by the same. None by default.
     of_frame : float64 (3, 3), optional
         The part that all images in the map share, as a mended map may float as a whole. None by default.
+    contradiction : float, optional
+        How far floor and walls contradict each other about the pose: 1 for noise, more where the camera is not as it is described.
+    unusual : bool, optional
+        Whether that is more than in images of the map; the covariance is wider for it.
     """
 
     pose: NDArray[np.float64]
@@ -97,6 +101,8 @@ class PoseMeasurement:
     agreement: Agreement
     of_map: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3, 3)))
     of_frame: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3, 3)))
+    contradiction: float = 0.0
+    unusual: bool = False
 
     def relative_likelihood(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """Gaussian likelihood of poses (n, 3) relative to that of the measured pose: 1 there, float64 (n,)."""

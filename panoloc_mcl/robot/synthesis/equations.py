@@ -10,12 +10,14 @@ to where it fits alone. All are right but for a factor that the map learns (`map
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.robot.measurement import Agreement, cosine_of
+from panoloc_mcl.robot.synthesis.contradiction import Banded, contradiction
 
 Float64 = NDArray[np.float64]
 
@@ -76,6 +78,8 @@ class Equations(NamedTuple):
         Parts of ``right``, by sectors of the circle.
     views : Views, optional
         What it is the sum of; None where it is not known.
+    banded : list of Banded
+        The same, by bands of rows; empty where it is not known.
     """
 
     normal: Float64
@@ -85,6 +89,7 @@ class Equations(NamedTuple):
     columns: Float64
     pulls: Float64
     views: Views | None = None
+    banded: Sequence[Banded] = ()
 
     @property
     def cosine(self) -> float:
@@ -138,6 +143,12 @@ class Equations(NamedTuple):
     def settled(self, unknowns: int) -> bool:
         """Whether all views agree on the pose, as far as the noise of the pixels lets expect; where not, another may be near by."""
         return float(np.trace(self._between(unknowns)[:2, :2])) < _SETTLED**2 * float(np.trace(self.noise(unknowns)[:2, :2]))
+
+    def contradiction(self, row_step: float) -> float:
+        """How far bands of rows contradict each other about the pose: about 1 where noise alone does, more where the camera is not as
+        it is described.
+        """
+        return contradiction(self.banded, row_step, _CORRELATED * max(self.variance, _LEAST_VARIANCE))
 
     def noise(self, unknowns: int) -> Float64:
         """Covariance of the pose if pixels erred independently of each other, float64 (3, 3)."""

@@ -53,6 +53,9 @@ _FACTORS = (0.5, 25.0)
 # How far errors of several sources average out depends on how large they are, which is told by how far they average out.
 _ROUNDS, _SHARPNESS = 3, 2.0
 _NOTHING_KEPT = Parts()
+# Bands of rows contradict each other usually by no more than so many times this quantile of the trials: images among near sources have
+# less noise to hide it. Of images of the rendered hall that are as the map is, one in twelve is beyond.
+_USUAL, _TIMES = 0.95, 1.25
 # Depths of the sources were swept with the held-out reference, too, and hide some of what its pose is off. Swept anew without it, its
 # position was off by exp(0.11) times as much in the median, its heading by 1.3 times (rendered hall, 11 and 14 of its references off by
 # 5 and 2 cm, 2 and 1 degrees): so much of the variances of position and heading.
@@ -70,12 +73,15 @@ class Trial(NamedTuple):
         Covariance that the image shows.
     weights, offsets : float64 (s,) and (s, 2)
         Of the sources, and from them to the pose, metres.
+    contradiction : float
+        Of the bands of rows.
     """
 
     error: Float64
     shown: Float64
     weights: Float64
     offsets: Float64
+    contradiction: float = 1.0
 
 
 def learn_source_errors(
@@ -147,7 +153,7 @@ def _trials(
             error[2] = angle_difference(measured.pose[2], truth[2])
             if np.hypot(*error[:2]) < _ASTRAY_M and abs(error[2]) < _ASTRAY:
                 # Without any errors of the sources, its covariance is what the image shows.
-                yield Trial(error, measured.covariance, *refiner.sources_at(measured.pose[:2]))
+                yield Trial(error, measured.covariance, *refiner.sources_at(measured.pose[:2]), measured.contradiction)
 
 
 def explain(trials: list[Trial], pixels: Float64) -> SourceErrors:
@@ -173,7 +179,8 @@ def explain(trials: list[Trial], pixels: Float64) -> SourceErrors:
         of_views, of_pose, to_one_side = np.stack([position, heading], axis=1)
         of_pose *= _HIDDEN_BY_DEPTHS
         sharpness = sharpness_of(float(np.sqrt(np.square(pixels) @ of_pose)))
-    return SourceErrors(of_views, np.sqrt(of_pose), np.sqrt(to_one_side), sharpness, len(trials))
+    usual = _TIMES * float(np.quantile([trial.contradiction for trial in trials], _USUAL))
+    return SourceErrors(of_views, np.sqrt(of_pose), np.sqrt(to_one_side), sharpness, len(trials), usual)
 
 
 def _likeliest(errors: Float64, shown: Float64, kinds: Float64, near: Float64 | None) -> Float64:

@@ -25,6 +25,7 @@ from panoloc_mcl.robot.kernels.warping import turned_table
 from panoloc_mcl.robot.measurement import PoseMeasurement, cosine_of
 from panoloc_mcl.robot.settings.observation import RefinementSettings, VotesSettings
 from panoloc_mcl.robot.synthesis.agreeing_columns import agreeing
+from panoloc_mcl.robot.synthesis.contradiction import Banded
 from panoloc_mcl.robot.synthesis.equations import Equations, Views, limit_of
 from panoloc_mcl.robot.synthesis.planes import planes_of, read_planes, source_planes
 from panoloc_mcl.robot.synthesis.views import MARGIN, ViewSynthesizer
@@ -196,11 +197,12 @@ class PoseRefiner:
                 pose, tilt, equations, _ = self._descended(planes, fine[_SOON:], found, tilt, last)
         pose[2] = wrap_angle(pose[2])
         leaning = _turned(tilt, -float(pose[2]))
-        of_map, of_frame = self._synthesizer.errors_at(
-            *self._weighted_sources(pose[:2], self._settings.refinement.sources), pose[:2]
-        )
-        covariance = self._synthesizer.errors.of_image(equations.covariance(self._unknowns)) + of_map + of_frame
-        return PoseMeasurement(pose, covariance, leaning, equations.agreement, of_map, of_frame)
+        sources = self._weighted_sources(pose[:2], self._settings.refinement.sources)
+        of_map, of_frame = self._synthesizer.errors_at(*sources, pose[:2])
+        errors, against = self._synthesizer.errors, equations.contradiction(self._synthesizer.rays.row_step)
+        covariance = errors.of_image(equations.covariance(self._unknowns), against) + of_map + of_frame
+        unusual = against > errors.usual_contradiction
+        return PoseMeasurement(pose, covariance, leaning, equations.agreement, of_map, of_frame, against, unusual)
 
     def _descended(
         self, planes: Mapping[float, Float32], steps: Sequence[Step], pose: Float64, tilt: Float64, last: Factors = _LAST
@@ -267,7 +269,7 @@ class PoseRefiner:
         residual = pixels = 0.0
         bands = _bands(query.shape[0], step)
         columns, pulls = np.zeros((3, len(bands), query.shape[1])), np.zeros((_SECTORS, 5))
-        parts = []
+        parts, banded = [], []
         for weight, source in zip(weights, indices, strict=True):
             profile, view, view_usable = self._view(int(source), position, step)
             walls, every = np.ascontiguousarray(profile[:: step.stride]), _FINE_ROWS_EVERY if step.fine else 1
@@ -279,6 +281,7 @@ class PoseRefiner:
             ]
             products = np.sum(by_band, axis=0)
             chosen = agreeing(products[-3:])
+            banded.append(Banded(float(weight), by_band, chosen))
             part = normal_equations(products, chosen, rays.row_step * step.stride)
             parts.append(part)
             pulls += weight * sector_pulls(products, chosen, rays.row_step * step.stride, _SECTORS)
@@ -288,7 +291,7 @@ class PoseRefiner:
             pixels += weight * part[3]
             columns += np.stack([part[-3:] for part in by_band], axis=1)
         views = Views(weights, np.array([part[0] for part in parts]), np.array([part[1] for part in parts]))
-        return Equations(normal, right, residual, pixels, columns, pulls, views)
+        return Equations(normal, right, residual, pixels, columns, pulls, views, banded)
 
     def _cosine(self, query: Complex64, query_usable: Bool, position: Float64, step: Step) -> float:
         """That of the equations, in a third of their time."""
