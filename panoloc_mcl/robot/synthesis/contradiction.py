@@ -7,6 +7,7 @@ alone does.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -38,12 +39,12 @@ class Banded(NamedTuple):
     chosen: Bool
 
 
-def contradiction(banded: list[Banded], row_step: float, variance: float) -> float:
+def contradiction(banded: Sequence[Banded], row_step: float, variance: float) -> float:
     """Mean squared difference of the poses that bands ask for, in variances that noise of the pixels gives: 1 where it is noise alone.
 
     Parameters
     ----------
-    banded : list of Banded
+    banded : sequence of Banded
         Of all views at a pose; the tilt is taken as it was found there.
     row_step : float
         Elevation of a row, radians.

@@ -78,7 +78,7 @@ class Equations(NamedTuple):
         Parts of ``right``, by sectors of the circle.
     views : Views, optional
         What it is the sum of; None where it is not known.
-    banded : list of Banded
+    banded : sequence of Banded
         The same, by bands of rows; empty where it is not known.
     """
 
