@@ -44,7 +44,7 @@ STAGES = (
     Stage(
         "equations: columns, sectors, solving",
         (
-            ("agreeing_columns.py", "agreeing", ""),
+            ("agreeing_parts.py", "agreeing", ""),
             ("alignment.py", "normal_equations", ""),
             ("alignment.py", "sector_pulls", ""),
             ("equations.py", "step", ""),

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.robot.measurement import Agreement, cosine_of
-from panoloc_mcl.robot.synthesis.contradiction import Banded, contradiction
+from panoloc_mcl.robot.synthesis.agreeing_parts import Banded, contradiction
 
 Float64 = NDArray[np.float64]
 

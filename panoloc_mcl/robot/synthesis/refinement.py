@@ -24,8 +24,7 @@ from panoloc_mcl.robot.kernels.alignment import column_products, inner_products,
 from panoloc_mcl.robot.kernels.warping import turned_table
 from panoloc_mcl.robot.measurement import PoseMeasurement, cosine_of
 from panoloc_mcl.robot.settings.observation import RefinementSettings, VotesSettings
-from panoloc_mcl.robot.synthesis.agreeing_columns import agreeing
-from panoloc_mcl.robot.synthesis.contradiction import Banded
+from panoloc_mcl.robot.synthesis.agreeing_parts import Banded, agreeing
 from panoloc_mcl.robot.synthesis.equations import Equations, Views, limit_of
 from panoloc_mcl.robot.synthesis.planes import planes_of, read_planes, source_planes
 from panoloc_mcl.robot.synthesis.views import MARGIN, ViewSynthesizer

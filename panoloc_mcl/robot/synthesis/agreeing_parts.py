@@ -1,8 +1,8 @@
-"""How far the bands of rows of an image contradict each other about its pose: the floor, and low and high parts of the walls.
+"""Which columns of an image agree with the view, and how far its bands of rows contradict each other about the pose.
 
-A camera that is not as it is described displaces the floor otherwise than the walls: its centre is off, or its elevations are. All
-sectors of the circle and all views are displaced alike then, so their scatter does not show it. The pose to which each band would go
-alone does.
+Bands are the floor, and low and high parts of the walls. A camera that is not as it is described displaces the floor otherwise than the
+walls: its centre is off, or its elevations are. All sectors of the circle and all views are displaced alike then, so their scatter does
+not show it. The pose to which each band would go alone does.
 """
 
 from __future__ import annotations
@@ -13,14 +13,26 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.robot.kernels.alignment import normal_equations
+from panoloc_mcl.robot.kernels.alignment import agreeing_columns, normal_equations
 
 Float64 = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 
+# Columns count where they agree, over a window around them, by this share of the upper quartile of all at the least.
+_WINDOW_DEG, _SHARE = 21.0, 0.6
 # A band with less than this share of the information of the strongest says nothing.
 _LEAST_SHARE = 1e-3
 _REGULAR = 1e-6
+
+
+def agreeing(columns: Float64) -> Bool:
+    """Columns where view and image show the same, as far as the best of them let expect: bool (columns,).
+
+    Where the world is not a floor and a wall (a goal before a wall), or where somebody stands in front of it, the view is wrong, and
+    its edges would pull the pose towards them. ``columns`` (3, columns) holds inner products and both squared norms.
+    """
+    reach = max(1, round(_WINDOW_DEG / 720.0 * columns.shape[1]))
+    return agreeing_columns(columns, reach, _SHARE)
 
 
 class Banded(NamedTuple):

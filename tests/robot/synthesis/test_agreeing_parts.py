@@ -8,7 +8,7 @@ from panoloc_mcl.robot.eigenspace.gradients import orientations
 from panoloc_mcl.robot.kernels.alignment import normal_equations
 from panoloc_mcl.robot.settings.observation import VotesSettings
 from panoloc_mcl.robot.synthesis import PoseRefiner, SourceErrors
-from panoloc_mcl.robot.synthesis.contradiction import Banded, contradiction
+from panoloc_mcl.robot.synthesis.agreeing_parts import Banded, contradiction
 
 SETTINGS, ROW_STEP, COLUMNS = VotesSettings(), np.radians(1.0), 36
 TRUTH = np.array([0.8, 0.6, 1.0])
