@@ -11,10 +11,6 @@ from numpy.typing import NDArray
 
 Float64 = NDArray[np.float64]
 
-# How much larger than the contradiction of its bands the squared error of a pose is. Set on the rendered hall, seen by a camera whose
-# centre is off by 2 and 5 pixels, and whose elevations are off by 1 and 3 degrees, by 3 and 10 %.
-_HIDDEN = 6.0
-
 
 def sharpness_of(displaced: float) -> float:
     """To what power weights of sources count, see `shares`: 1 where their errors average out, large where one of them is locked on to.
@@ -90,7 +86,9 @@ class SourceErrors:
         contradiction : float
             Of bands of rows (see `Equations.contradiction`); beyond the usual one it tells of an error that nothing else shows.
         """
-        hidden = 1.0 + _HIDDEN * max(0.0, contradiction - self.usual_contradiction)
+        # The square was chosen on the rendered hall, seen by a camera whose centre is off by 2 and 5 pixels, and whose elevations are off
+        # by 1 and 3 degrees, by 3 and 10 %: little is added just beyond what is usual, and enough far beyond it.
+        hidden = 1.0 + max(0.0, contradiction - self.usual_contradiction) ** 2
         x, heading = np.sqrt(hidden * self.of_views)
         factors = np.array([x, x, heading])
         return np.asarray(factors[:, None] * shown * factors)
