@@ -86,8 +86,8 @@ class SourceErrors:
         contradiction : float
             Of bands of rows (see `Equations.contradiction`); beyond the usual one it tells of an error that nothing else shows.
         """
-        # The square was chosen on the rendered hall, seen by a camera whose centre is off by 2 and 5 pixels, and whose elevations are off
-        # by 1 and 3 degrees, by 3 and 10 %: little is added just beyond what is usual, and enough far beyond it.
+        # The square was chosen on the rendered hall, seen by a camera whose centre is off by 2 and 5 pixels, and whose elevations are
+        # off by 1 and 3 degrees, by 3 and 10 %: little is added just beyond what is usual, and enough far beyond it.
         hidden = 1.0 + max(0.0, contradiction - self.usual_contradiction) ** 2
         x, heading = np.sqrt(hidden * self.of_views)
         factors = np.array([x, x, heading])
