@@ -119,9 +119,15 @@ class Calibration:
         return np.concatenate([figures, self.field_weights.ravel(), self.refined_weights.ravel()])
 
     @classmethod
-    def of_array(cls, values: Float64) -> Calibration:
-        """What `array` gave; KeyError for what a version before did, which looked at other evidence."""
-        if values.shape != (_KEPT,):
+    def of_array(cls, values: Float64, refined: bool = False) -> Calibration:
+        """What `array` gave.
+
+        Raises
+        ------
+        KeyError
+            A version before gave it: it looked at other evidence, or did not learn what ``refined`` poses are worth.
+        """
+        if values.shape != (_KEPT,) or (refined and not values[8:].any()):
             raise KeyError("calibration")
         tolerance, images, log_loss, ece = (float(value) for value in values[:4])
         return cls(tolerance, values[4:8].reshape(1, 4), values[8:].reshape(2, 6), int(images), log_loss, ece)

@@ -118,16 +118,17 @@ class VotesModel:
         seed: int = 0,
         progress: Progress = no_progress,
         unfinished: Path | None = None,
-    ) -> Self:
+    ) -> VotesModel:
         """Compute depths, virtual places and the eigenspace of all their views.
 
-        ``unfinished`` is a folder where what is done is kept, so that a build that was killed goes on.
-
-        Raises
-        ------
-        MapError
-            A reference without usable texture, filters larger than the panoramas, or more eigenimages asked for than there are.
+        ``unfinished`` is a folder where what is done is kept, so that a build that was killed goes on. MapError: a reference without
+        usable texture, filters larger than the panoramas, or more eigenimages asked for than there are.
         """
+        if not settings.refinement.enabled:
+            # Its map is used with refinement, too, and has to know what refined poses are worth.
+            refining = settings.refinement.model_copy(update={"enabled": True})
+            same = cls.build(references, settings.model_copy(update={"refinement": refining}), seed, progress, unfinished)
+            return same.looked_at_with(settings)
         check_filter_size(references.geometry.shape, settings)
         check_texture(references, settings)
         references = references_at(references, resolution_of(references, settings, _threads(settings)))
@@ -161,7 +162,7 @@ class VotesModel:
 
     @classmethod
     def restore(cls, references: ReferencePanoramas, settings: VotesSettings, arrays: Arrays) -> Self:
-        """Take up the arrays of a map file."""
+        """Take up the arrays of a map file; KeyError where something is missing, as in one that an earlier version wrote."""
         everywhere = references.positions
         rows, columns = (int(size) for size in arrays["shape"])
         references = references_at(references.of(arrays["used"]), (rows, columns))
@@ -176,10 +177,17 @@ class VotesModel:
             Correlator.of_arrays(arrays, references.geometry.width, settings.bandwidth),
             float(arrays["kept"][0]),
             synthesizer,
-            calibration=Calibration.of_array(arrays["calibration"]) if "calibration" in arrays else None,
+            calibration=Calibration.of_array(arrays["calibration"], synthesizer is not None)
+            if "calibration" in arrays
+            else None,
             used=arrays["used"],
             retrieved=int(arrays["retrieved"][0]) if "retrieved" in arrays else None,
         )
+
+    def looked_at_with(self, settings: VotesSettings) -> VotesModel:
+        """The same with other settings of how an image is looked at."""
+        parts = self._correlator, self.kept, self._synthesizer, self.notes, self.calibration, self._used
+        return VotesModel(self.places, settings, *parts, self._retrieved)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """What a map file keeps."""
@@ -329,8 +337,11 @@ class VotesModel:
 
     def _with(self, places: Places, correlator: Correlator, synthesizer: ViewSynthesizer | None) -> VotesModel:
         """A model with the same eigenimages."""
-        retrieved = None if self.retrieval is None else self.retrieval.count
-        return VotesModel(places, self.settings, correlator, self.kept, synthesizer, self.notes, retrieved=retrieved)
+        return VotesModel(places, self.settings, correlator, self.kept, synthesizer, self.notes, retrieved=self._retrieved)
+
+    @property
+    def _retrieved(self) -> int | None:
+        return None if self.retrieval is None else self.retrieval.count
 
 
 def _around_the_circle(count: int) -> Float64:

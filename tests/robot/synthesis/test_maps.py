@@ -14,6 +14,7 @@ from panoloc_mcl.robot.files import CACHE_VARIABLE
 from panoloc_mcl.robot.geometry import angle_difference
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.observation import VotesModel
+from panoloc_mcl.robot.references import read_references
 from panoloc_mcl.robot.settings.config import ObservationSettings
 from panoloc_mcl.robot.settings.observation import RefinementSettings, VirtualPlacesSettings, VotesSettings
 from panoloc_mcl.tools.datasets import Dataset, read_dataset
@@ -150,6 +151,21 @@ def test_switched_off_they_need_no_note(small) -> None:
     model = VotesModel.build(small.references, VotesSettings(virtual_places=VirtualPlacesSettings(enabled=False)))
     assert model.notes == ()
     assert len(model.places) == 6
+
+
+def test_a_map_that_was_built_without_refinement_knows_what_refined_poses_are_worth(dataset) -> None:
+    off = SETTINGS.model_copy(update={"refinement": RefinementSettings(enabled=False)})
+    with_it, without = (
+        VotesModel.build(read_references(dataset.references), settings).arrays() for settings in (SETTINGS, off)
+    )
+    assert with_it.keys() == without.keys()
+    for name, array in with_it.items():
+        np.testing.assert_array_equal(array, without[name], err_msg=name)
+    # As an earlier version left it behind.
+    before = {**with_it, "calibration": np.where(np.arange(len(with_it["calibration"])) < 8, with_it["calibration"], 0.0)}
+    for settings in (SETTINGS, off):
+        with pytest.raises(KeyError, match="calibration"):
+            VotesModel.restore(read_references(dataset.references), settings, before)
 
 
 OBSERVING = [
