@@ -119,16 +119,14 @@ class VotesModel:
         progress: Progress = no_progress,
         unfinished: Path | None = None,
     ) -> VotesModel:
-        """Compute depths, virtual places and the eigenspace of all their views.
+        """Compute depths, virtual places and the eigenspace of all their views; a build that was killed goes on in ``unfinished``.
 
-        ``unfinished`` is a folder where what is done is kept, so that a build that was killed goes on. MapError: a reference without
-        usable texture, filters larger than the panoramas, or more eigenimages asked for than there are.
+        MapError: a reference without usable texture, filters larger than panoramas, more eigenimages asked for than there are.
         """
         if not settings.refinement.enabled:
             # Its map is used with refinement, too, and has to know what refined poses are worth.
-            refining = settings.refinement.model_copy(update={"enabled": True})
-            same = cls.build(references, settings.model_copy(update={"refinement": refining}), seed, progress, unfinished)
-            return same.looked_at_with(settings)
+            refining = settings.model_copy(update={"refinement": settings.refinement.model_copy(update={"enabled": True})})
+            return cls.build(references, refining, seed, progress, unfinished).looked_at_with(settings)
         check_filter_size(references.geometry.shape, settings)
         check_texture(references, settings)
         references = references_at(references, resolution_of(references, settings, _threads(settings)))
