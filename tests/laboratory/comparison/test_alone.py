@@ -85,6 +85,7 @@ def test_a_map_of_ones_own_for_one_observation(data):
     assert [cell.config.map.mend for cell in cells] == [True, False]
 
 
+@pytest.mark.slow
 def test_every_image_is_looked_at_by_itself(plan_of, tmp_path):
     plan = plan_of(
         single_images=True, observations=["orientation_correlation", "template_matching"], seeds=1, frames=9, every=4

@@ -3,6 +3,7 @@ import pytest
 from panoloc_mcl.laboratory.studies import confidence
 
 
+@pytest.mark.slow
 def test_the_table_holds_every_condition_and_all_of_them_together(ask, small_room):
     answer = ask("study", "confidence", "--dataset", small_room.path, "--conditions", "clean", "bars:0.5", "--every", "6")
     assert answer.code == 0

@@ -153,6 +153,7 @@ def test_switched_off_they_need_no_note(small) -> None:
     assert len(model.places) == 6
 
 
+@pytest.mark.slow
 def test_a_map_that_was_built_without_refinement_knows_what_refined_poses_are_worth(dataset) -> None:
     off = SETTINGS.model_copy(update={"refinement": RefinementSettings(enabled=False)})
     with_it, without = (

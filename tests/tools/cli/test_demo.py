@@ -144,6 +144,7 @@ def test_the_report_plays_in_a_browser(demos, browser, width, scheme):
     assert faults == []
 
 
+@pytest.mark.slow
 def test_json_is_all_that_is_printed(panoloc, tmp_path, small_room):
     import json
 

@@ -135,6 +135,7 @@ def test_options_beat_set_and_set_beats_the_file(run_small):
     assert done.folder.parent.name == "mine"
 
 
+@pytest.mark.slow
 def test_a_built_map_gives_the_same_as_the_references(run_small, built):
     assert built.code == 0
     assert built.lines == ["room: 20 places, panoramas of 90 x 36 pixels, model votes", str(built.folder)]
