@@ -45,6 +45,7 @@ STAGES = (
         "equations: columns, sectors, solving",
         (
             ("agreeing_parts.py", "agreeing", ""),
+            ("agreeing_parts.py", "contradiction", ""),
             ("alignment.py", "normal_equations", ""),
             ("alignment.py", "sector_pulls", ""),
             ("equations.py", "step", ""),

@@ -118,15 +118,16 @@ class VotesModel:
         seed: int = 0,
         progress: Progress = no_progress,
         unfinished: Path | None = None,
-    ) -> VotesModel:
-        """Compute depths, virtual places and the eigenspace of all their views; a build that was killed goes on in ``unfinished``.
+    ) -> Self:
+        """Compute depths, virtual places and the eigenspace of all their views.
 
-        MapError: a reference without usable texture, filters larger than panoramas, more eigenimages asked for than there are.
+        ``unfinished`` is a folder where what is done is kept, so that a build that was killed goes on.
+
+        Raises
+        ------
+        MapError
+            A reference without usable texture, filters larger than the panoramas, or more eigenimages asked for than there are.
         """
-        if not settings.refinement.enabled:
-            # Its map is used with refinement, too, and has to know what refined poses are worth.
-            refining = settings.model_copy(update={"refinement": settings.refinement.model_copy(update={"enabled": True})})
-            return cls.build(references, refining, seed, progress, unfinished).looked_at_with(settings)
         check_filter_size(references.geometry.shape, settings)
         check_texture(references, settings)
         references = references_at(references, resolution_of(references, settings, _threads(settings)))
@@ -181,11 +182,6 @@ class VotesModel:
             used=arrays["used"],
             retrieved=int(arrays["retrieved"][0]) if "retrieved" in arrays else None,
         )
-
-    def looked_at_with(self, settings: VotesSettings) -> VotesModel:
-        """The same with other settings of how an image is looked at."""
-        parts = self._correlator, self.kept, self._synthesizer, self.notes, self.calibration, self._used
-        return VotesModel(self.places, settings, *parts, self._retrieved)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """What a map file keeps."""
@@ -335,11 +331,11 @@ class VotesModel:
 
     def _with(self, places: Places, correlator: Correlator, synthesizer: ViewSynthesizer | None) -> VotesModel:
         """A model with the same eigenimages."""
-        return VotesModel(places, self.settings, correlator, self.kept, synthesizer, self.notes, retrieved=self._retrieved)
-
-    @property
-    def _retrieved(self) -> int | None:
-        return None if self.retrieval is None else self.retrieval.count
+        # It refines whatever is asked: a map is used with refinement, too, and has to know what refined poses are worth.
+        refining = self.settings.refinement.model_copy(update={"enabled": True})
+        settings = self.settings.model_copy(update={"refinement": refining})
+        retrieved = None if self.retrieval is None else self.retrieval.count
+        return VotesModel(places, settings, correlator, self.kept, synthesizer, self.notes, retrieved=retrieved)
 
 
 def _around_the_circle(count: int) -> Float64:

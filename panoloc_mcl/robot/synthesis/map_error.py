@@ -54,7 +54,7 @@ _FACTORS = (0.5, 25.0)
 _ROUNDS, _SHARPNESS = 3, 2.0
 _NOTHING_KEPT = Parts()
 # Bands of rows contradict each other usually by no more than so many times this quantile of the trials: images among near sources have
-# less noise to hide it. Of images of the rendered hall and office that are as the map is, one in sixteen is beyond.
+# less noise to hide it. Of images of the rendered hall and office that are as the map is, 9 and 2 % are beyond.
 _USUAL, _TIMES = 0.95, 1.5
 # Depths of the sources were swept with the held-out reference, too, and hide some of what its pose is off. Swept anew without it, its
 # position was off by exp(0.11) times as much in the median, its heading by 1.3 times (rendered hall, 11 and 14 of its references off by
