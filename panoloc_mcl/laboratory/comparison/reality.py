@@ -33,6 +33,7 @@ HEADS = (
     "median / p95, mm",
     "aligned, mm",
     "heading median / p95, °",
+    "aligned, °",
     "sure and wrong: images %",
     "runs",
     "NEES, within 2 sd %",
@@ -79,13 +80,15 @@ def _cells(entries: Sequence[Entry]) -> list[str]:
     right = (metres <= _RIGHT_M) & (degrees <= _RIGHT_DEG)
     sure_wrong = np.concatenate([watched.sure_and_wrong for watched in runs])
     claimed = metrics["consistency"]["position"]
+    framed_m, framed_deg = aligned(runs)
     return [
         percent(float(np.mean(right))) if len(right) else BLANK,
         _spread(metres[np.isfinite(metres)]),
         out_of(success["succeeded"], success["runs"]),
         _spread(np.concatenate([watched.after[0] for watched in runs])),
-        _spread(aligned(runs)),
+        _spread(framed_m),
         _pair(metrics["heading_median_deg"], metrics["heading_p95_deg"], 2),
+        _pair(*np.percentile(framed_deg, (50, 95)), 2) if len(framed_deg) else BLANK,
         percent(float(np.mean(sure_wrong))),
         out_of(wrong["count"], wrong["runs"]),
         BLANK
@@ -147,32 +150,42 @@ class Watched:
         return self.record.converged & ((metres > _WRONG_M) | (degrees > _WRONG_DEG))
 
 
-def aligned(runs: Sequence[Watched]) -> FloatArray:
-    """Position errors after convergence, the frame of every map (runs of one seed) turned and shifted onto the true one; metres."""
-    left = [np.zeros(0)]
+def aligned(runs: Sequence[Watched]) -> tuple[FloatArray, FloatArray]:
+    """Errors after convergence, the frame of every map (runs of one seed) turned and shifted onto the true one.
+
+    Parameters
+    ----------
+    runs : sequence of Watched
+
+    Returns
+    -------
+    metres, degrees : (n,) float64
+        Position errors, and absolute heading errors after the same turn.
+    """
+    metres, degrees = [np.zeros(0)], [np.zeros(0)]
     for seed in dict.fromkeys(watched.seed for watched in runs):
         mine = [watched for watched in runs if watched.seed == seed]
-        said = np.concatenate([watched.record.poses[watched.counts, :2] for watched in mine])
-        true = np.concatenate(
-            [watched.record.truth[watched.counts, :2] for watched in mine if watched.record.truth is not None]
-        )
-        left.append(np.hypot(*(true - _fitted(said, true)).T))
-    return np.concatenate(left)
+        said = np.concatenate([watched.record.poses[watched.counts] for watched in mine])
+        true = np.concatenate([watched.record.truth[watched.counts] for watched in mine if watched.record.truth is not None])
+        moved, turn = _fitted(said[:, :2], true[:, :2])
+        metres.append(np.hypot(*(true[:, :2] - moved).T))
+        degrees.append(np.degrees(np.abs(angle_difference(said[:, 2] + turn, true[:, 2]))))
+    return np.concatenate(metres), np.concatenate(degrees)
 
 
-def _fitted(said: FloatArray, true: FloatArray) -> FloatArray:
-    """Positions (n, 2) after the turn and shift that bring most of them nearest to the true ones."""
-    moved = said
+def _fitted(said: FloatArray, true: FloatArray) -> tuple[FloatArray, float]:
+    """Positions (n, 2) after the turn and shift that bring most of them nearest to the true ones, and that turn; radians."""
+    moved, turn = said, 0.0
     for _ in range(_ALIGNMENT_ROUNDS):
         errors = np.hypot(*(true - moved).T)
         if len(errors) < 3:
-            return said
+            return said, 0.0
         near = errors <= max(_OUTLYING * float(np.median(errors)), _LEAST_OUTLYING_M)
         a, b = said[near] - said[near].mean(axis=0), true[near] - true[near].mean(axis=0)
         turn = float(wrap_angle(np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a * b))))
         c, s = np.cos(turn), np.sin(turn)
         moved = (said - said[near].mean(axis=0)) @ np.array([[c, s], [-s, c]]) + true[near].mean(axis=0)
-    return np.asarray(moved)
+    return np.asarray(moved), turn
 
 
 def _judged(runs: Runs) -> list[tuple[SequenceRecord, Answers | None]]:

@@ -32,20 +32,28 @@ def test_a_frame_that_lies_elsewhere_is_no_error_when_aligned(entry, frame):
     curved = np.column_stack([np.arange(30) * 0.1, np.sin(np.arange(30) * 0.2), np.zeros(30)])
     base = watched(entry, frames=30)
     record = replace(base.record, truth=curved, poses=compose(np.array(frame), curved))
-    np.testing.assert_allclose(aligned([replace(base, record=record)]), 0.0, atol=1e-12)
+    metres, degrees = aligned([replace(base, record=record)])
+    np.testing.assert_allclose(metres, 0.0, atol=1e-12)
+    np.testing.assert_allclose(degrees, 0.0, atol=1e-10)
     # A tenth of the answers being far off does not bend the frame.
     far = record.poses.copy()
     far[::10, :2] += 3.0
-    errors = aligned([replace(base, record=replace(record, poses=far))])
+    errors, degrees = aligned([replace(base, record=replace(record, poses=far))])
     assert np.sort(errors)[:27].max() < 1e-9
     assert np.sort(errors)[-3:].min() > 2.0
+    np.testing.assert_allclose(degrees, 0.0, atol=1e-8)
+    # A camera whose heading is off keeps that error: only the frame is free, which positions tell.
+    turned = record.poses + np.array([0.0, 0.0, np.radians(2.0)])
+    metres, degrees = aligned([replace(base, record=replace(record, poses=turned))])
+    np.testing.assert_allclose(metres, 0.0, atol=1e-12)
+    np.testing.assert_allclose(degrees, 2.0, atol=1e-8)
 
 
 def test_each_seed_has_a_frame_of_its_own(entry):
     one = watched(entry, lambda truth: compose(np.array([0.5, 0.0, 0.0]), truth), frames=10)
     other = replace(watched(entry, lambda truth: compose(np.array([-0.5, 0.0, 0.0]), truth), frames=10), seed=1)
-    np.testing.assert_allclose(aligned([one, other]), 0.0, atol=1e-12)
-    assert aligned([one, replace(other, seed=0)]).min() > 0.1
+    np.testing.assert_allclose(aligned([one, other])[0], 0.0, atol=1e-12)
+    assert aligned([one, replace(other, seed=0)])[0].min() > 0.1
 
 
 def test_single_images_are_judged_by_themselves(entry):
