@@ -14,6 +14,7 @@ from panoloc_mcl.robot.camera import Camera, Unwrapper
 from panoloc_mcl.robot.errors import FrozenCameraError, ImageError
 from panoloc_mcl.robot.filters import Estimate, Status
 from panoloc_mcl.robot.interface.answers import tells_more
+from panoloc_mcl.robot.interface.contradictions import Contradictions
 from panoloc_mcl.robot.interface.frozen_camera import FrozenCamera
 from panoloc_mcl.robot.interface.mounting_tilt import MountingTilt
 from panoloc_mcl.robot.interface.saved_state import SavedState
@@ -98,7 +99,7 @@ class Localizer(SavedState, TakesMessages):
         self._sightings = self._new_sightings(start)
         self._pace: Pace | None = None
         self._frozen_camera = FrozenCamera()
-        self._mounting_tilt = MountingTilt()
+        self._mounting_tilt, self._contradictions = MountingTilt(), Contradictions()
         self._reported: dict[str, int] = {}
         # The next image counts whatever the motion gate says.
         self._forced = False
@@ -185,14 +186,14 @@ class Localizer(SavedState, TakesMessages):
             with timed(stage_ms, "observe"):
                 expected = None if headings is not None or offset is not None else self._expected()
                 votes, found = self._observe(timestamp, image, headings, expected)
+                votes, contradicted = self._learn_of_camera(votes, motion)
             with timed(stage_ms, "update"):
                 self._filter.update(votes, offset)
                 self._look_back(votes, found, motion.distance)
-            self._learn_tilt(votes, motion)
             self._clock.fuse(timestamp)
             self._forced = False
             hurry = self._hurry(timestamp, votes, motion if offset is None else None)
-            return self._estimate([set_back, note, found, hurry], votes, stage_ms, late=offset is not None)
+            return self._estimate([set_back, note, found, contradicted, hurry], votes, stage_ms, late=offset is not None)
 
     @property
     def particles(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

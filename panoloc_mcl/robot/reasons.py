@@ -15,7 +15,8 @@ class Reason(StrEnum):
     CLOCK_SET_BACK, STREAM_LOOPED: time began anew. ODOMETRY_LEFT_OUT: some odometry could not be used. NOTHING_COUNTED: no image
     has spoken for the pose for too long. POSE_OUTDATED: odometry has left the pose of the last image that was taken in.
     MAP_CANNOT_TELL: the map alone cannot tell this pose from others. FASTER_THAN_BELIEVED: without odometry, images put the robot
-    farther on than it can have driven.
+    farther on than it can have driven. CAMERA_CONTRADICTED: floor and walls of many images contradict each other about the pose,
+    more than in those of the map, so less is claimed from here on.
     """
 
     IMAGE_UNUSABLE = "image_unusable"
@@ -35,6 +36,7 @@ class Reason(StrEnum):
     POSE_OUTDATED = "pose_outdated"
     MAP_CANNOT_TELL = "map_cannot_tell"
     FASTER_THAN_BELIEVED = "faster_than_believed"
+    CAMERA_CONTRADICTED = "camera_contradicted"
 
     @property
     def remedy(self) -> str:
@@ -60,6 +62,7 @@ _REMEDIES = {
     Reason.POSE_OUTDATED: "stamp images and odometry with one clock",
     Reason.MAP_CANNOT_TELL: "drive on, or add references off their line",
     Reason.FASTER_THAN_BELIEVED: "raise localizer.motion.image_only_speed_m_s",
+    Reason.CAMERA_CONTRADICTED: "the camera may not be as it is described: panoloc calibrate looks for that",
 }
 
 

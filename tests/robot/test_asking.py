@@ -81,6 +81,7 @@ def all_answers(localizer: Localizer, world, now: float, folder) -> str:
         "has fix": localizer.has_fix,
         "counts": localizer.counts,
         "mounting tilt": localizer.mounting_tilt,
+        "contradictions": localizer.contradictions,
         "skipped": localizer.images_skipped,
         "revision": localizer.map_revision,
         "places": localizer.places.positions,

@@ -21,6 +21,8 @@ Bools = NDArray[np.bool_]
 _RIGHT_M, _RIGHT_DEG = 0.5, 10.0
 _WRONG_M, _WRONG_DEG = 1.0, 20.0
 _ALIGNMENT_ROUNDS = 10
+# Of metres, and decimals.
+_MM = (1000.0, 1)
 # Errors beyond so many medians, and beyond a centimetre, do not count where the frame is fitted.
 _OUTLYING, _LEAST_OUTLYING_M = 3.0, 0.01
 
@@ -83,12 +85,12 @@ def _cells(entries: Sequence[Entry]) -> list[str]:
     framed_m, framed_deg = aligned(runs)
     return [
         percent(float(np.mean(right))) if len(right) else BLANK,
-        _spread(metres[np.isfinite(metres)]),
+        _spread(metres[np.isfinite(metres)], *_MM),
         out_of(success["succeeded"], success["runs"]),
-        _spread(np.concatenate([watched.after[0] for watched in runs])),
-        _spread(framed_m),
+        _spread(np.concatenate([watched.after[0] for watched in runs]), *_MM),
+        _spread(framed_m, *_MM),
         _pair(metrics["heading_median_deg"], metrics["heading_p95_deg"], 2),
-        _pair(*np.percentile(framed_deg, (50, 95)), 2) if len(framed_deg) else BLANK,
+        _spread(framed_deg, 1.0, 2),
         percent(float(np.mean(sure_wrong))),
         out_of(wrong["count"], wrong["runs"]),
         BLANK
@@ -200,11 +202,11 @@ def _judged(runs: Runs) -> list[tuple[SequenceRecord, Answers | None]]:
     return pairs
 
 
-def _spread(metres: FloatArray) -> str:
-    if not len(metres):
+def _spread(values: FloatArray, scale: float, digits: int) -> str:
+    if not len(values):
         return BLANK
-    median, p95 = np.percentile(metres, (50, 95))
-    return _pair(1000.0 * float(median), 1000.0 * float(p95), 1)
+    median, p95 = np.percentile(values, (50, 95))
+    return _pair(scale * float(median), scale * float(p95), digits)
 
 
 def _pair(first: float | None, second: float | None, digits: int) -> str:

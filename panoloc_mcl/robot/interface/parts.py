@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from panoloc_mcl.robot.camera import Camera, Mount, Unwrapper
 from panoloc_mcl.robot.filters import PoseFilter, Sightings, Start, Status, telling_way
+from panoloc_mcl.robot.interface.contradictions import Contradictions
 from panoloc_mcl.robot.interface.frozen_camera import FrozenCamera
 from panoloc_mcl.robot.interface.mounting_tilt import MountingTilt
 from panoloc_mcl.robot.locks import Lock
@@ -36,6 +37,7 @@ class Parts:
     _filter: PoseFilter
     _frozen_camera: FrozenCamera
     _mounting_tilt: MountingTilt
+    _contradictions: Contradictions
     _seed: int | tuple[int, ...]
     # How often the pose was given or forgotten: random numbers go on from there.
     _begun_anew: int

@@ -15,6 +15,7 @@ from panoloc_mcl.robot.errors import StateError
 from panoloc_mcl.robot.files import read_arrays, write_arrays
 from panoloc_mcl.robot.filters import Status
 from panoloc_mcl.robot.geometry import angle_difference
+from panoloc_mcl.robot.interface.contradictions import Contradictions
 from panoloc_mcl.robot.interface.frozen_camera import FrozenCamera
 from panoloc_mcl.robot.interface.mounting_tilt import MountingTilt
 from panoloc_mcl.robot.interface.steering import Steering
@@ -59,7 +60,8 @@ class SavedState(Steering):
             "frozen_camera": self._frozen_camera.snapshot(),
             **{name: getattr(self, name) for name in _REMEMBERED},
         }
-        parts = {"filter": filter_arrays, "odometry": odometry_arrays, "mount": {"tilt": self._mounting_tilt.array()}}
+        camera = {"tilt": self._mounting_tilt.array(), "contradictions": self._contradictions.array()}
+        parts = {"filter": filter_arrays, "odometry": odometry_arrays, "mount": camera}
         if self._anchor is not None:
             anchor, status = self._anchor
             parts["anchor"] = {"pose": anchor.pose, "covariance": anchor.covariance}
@@ -122,14 +124,15 @@ class SavedState(Steering):
             if pose.shape != (3,) or covariance.shape != (3, 3):
                 raise ValueError(f"last pose of shape {pose.shape}, covariance of shape {covariance.shape}")
             anchor = Anchor(float(header["anchor"]["timestamp"]), pose, covariance), Status(header["anchor"]["status"])
-        # States that are a little older do not have it.
-        frozen_camera = FrozenCamera.of_snapshot(header.get("frozen_camera"))
         mounting_tilt = MountingTilt.of_array(np.asarray(parts["mount"]["tilt"], dtype=np.float64))
+        # States that are a little older do not have these.
+        frozen_camera = FrozenCamera.of_snapshot(header.get("frozen_camera"))
+        contradictions = Contradictions.of_array(parts["mount"].get("contradictions", Contradictions().array()))
         # The last that can fail; it changes nothing if it does.
         self._filter.restore(parts["filter"], header["filter"])
         vars(self).update(values)
         self._odometry, self._clock, self._sightings, self._anchor = odometry, clock, sightings, anchor
-        self._mounting_tilt, self._frozen_camera = mounting_tilt, frozen_camera
+        self._mounting_tilt, self._contradictions, self._frozen_camera = mounting_tilt, contradictions, frozen_camera
 
 
 def _write(

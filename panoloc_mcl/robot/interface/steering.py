@@ -15,6 +15,7 @@ from panoloc_mcl.robot.errors import MeasurementError
 from panoloc_mcl.robot.filters import Cluster, Start, Status
 from panoloc_mcl.robot.geometry import compose, inverse
 from panoloc_mcl.robot.interface.answers import Location, TimedPose, located
+from panoloc_mcl.robot.interface.contradictions import Contradictions
 from panoloc_mcl.robot.interface.mounting_tilt import MountingTilt
 from panoloc_mcl.robot.interface.parts import Parts
 from panoloc_mcl.robot.interface.starting import make_filter, start_around
@@ -22,9 +23,16 @@ from panoloc_mcl.robot.locks import locked
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
 from panoloc_mcl.robot.motion import Anchor, Motion, carried_to, seconds
 from panoloc_mcl.robot.observation import VoteField
+from panoloc_mcl.robot.reasons import Finding, Reason
 from panoloc_mcl.robot.single_blas import one_blas_thread
 
 Float64 = NDArray[np.float64]
+
+_CONTRADICTED = Finding(
+    "floor and walls of many images contradict each other about the pose, more than in those of the map, so less is claimed; "
+    + Reason.CAMERA_CONTRADICTED.remedy,
+    Reason.CAMERA_CONTRADICTED,
+)
 
 
 class Steering(Parts):
@@ -155,8 +163,8 @@ class Steering(Parts):
         given = self._filter.state().clusters[0] if keep_pose and known is None and self._has_fix else None
         self._map, self._unwrap, self._observation, self._revision = panorama_map, unwrap, observation, ""
         self._mount, self._stamp_offset_s = unwrap.camera.mounting, unwrap.camera.stamp_offset_s
-        # Its references may lean otherwise.
-        self._mounting_tilt = MountingTilt()
+        # Its references may lean otherwise, and its camera may be described otherwise.
+        self._mounting_tilt, self._contradictions = MountingTilt(), Contradictions()
         pose = given if known is None else known[0]
         self._begin_anew(Start() if pose is None else Start.around(pose.pose, pose.covariance), self._clock.now)
         if known is not None:
@@ -193,12 +201,32 @@ class Steering(Parts):
         """How the camera leans on its mount against the references, as far as images told that it stays."""
         return self._mounting_tilt
 
-    def _learn_tilt(self, votes: VoteField, motion: Motion) -> None:
-        """From an image that is sure of itself."""
-        self._mounting_tilt = self._mounting_tilt.moved(motion.distance)
+    @property
+    def contradictions(self) -> Contradictions:
+        """How far floor and walls contradict each other about the poses of images so far: is the camera as it is described?"""
+        return self._contradictions
+
+    def _learn_of_camera(self, votes: VoteField, motion: Motion) -> tuple[VoteField, Finding]:
+        """How the camera leans and whether it is as it is described, from an image that is sure of itself.
+
+        Returns
+        -------
+        votes : VoteField
+            With no more claimed for the measured pose than images of this drive deserve.
+        found : Finding
+            Said once, when enough images say it.
+        """
+        before = self._contradictions
+        self._mounting_tilt, self._contradictions = self._mounting_tilt.moved(motion.distance), before.moved(motion.distance)
         measured = votes.measurement
-        if votes.informative and measured is not None and votes.confidence >= self.settings.status.converged_confidence:
+        if not votes.informative or measured is None:
+            return votes, Finding()
+        if votes.confidence >= self.settings.status.converged_confidence:
             self._mounting_tilt = self._mounting_tilt.seen(measured.tilt)
+            self._contradictions = self._contradictions.seen(measured.excess)
+        widened = measured.widened(self._contradictions.usual)
+        votes = votes if widened is measured else votes.with_measurement(widened)
+        return votes, _CONTRADICTED if self._contradictions.tell and not before.tell else Finding()
 
     @property
     def map_revision(self) -> str:

@@ -199,9 +199,9 @@ class PoseRefiner:
         sources = self._weighted_sources(pose[:2], self._settings.refinement.sources)
         of_map, of_frame = self._synthesizer.errors_at(*sources, pose[:2])
         errors, against = self._synthesizer.errors, equations.contradiction(self._synthesizer.rays.row_step)
-        covariance = errors.of_image(equations.covariance(self._unknowns), against) + of_map + of_frame
-        unusual = against > errors.usual_contradiction
-        return PoseMeasurement(pose, covariance, leaning, equations.agreement, of_map, of_frame, against, unusual)
+        excess = errors.excess(against)
+        covariance = errors.of_image(equations.covariance(self._unknowns), excess) + of_map + of_frame
+        return PoseMeasurement(pose, covariance, leaning, equations.agreement, of_map, of_frame, against, excess)
 
     def _descended(
         self, planes: Mapping[float, Float32], steps: Sequence[Step], pose: Float64, tilt: Float64, last: Factors = _LAST

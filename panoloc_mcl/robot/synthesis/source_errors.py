@@ -9,6 +9,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from panoloc_mcl.robot.measurement import growth
+
 Float64 = NDArray[np.float64]
 
 
@@ -77,19 +79,20 @@ class SourceErrors:
     trials: int
     usual_contradiction: float = math.inf
 
-    def of_image(self, shown: Float64, contradiction: float = 0.0) -> Float64:
+    def excess(self, contradiction: float) -> float:
+        """How far a contradiction of bands of rows (see `Equations.contradiction`) is beyond the usual one; 0 if it is not."""
+        return max(0.0, contradiction - self.usual_contradiction)
+
+    def of_image(self, shown: Float64, excess: float = 0.0) -> Float64:
         """Covariance of a pose for what the image shows, float64 (3, 3), from that which it shows but for a factor.
 
         Parameters
         ----------
         shown : float64 (3, 3)
-        contradiction : float
-            Of bands of rows (see `Equations.contradiction`); beyond the usual one it tells of an error that nothing else shows.
+        excess : float
+            Of the contradiction between bands of rows: it tells of an error that nothing else shows.
         """
-        # The square was chosen on the rendered hall, seen by a camera whose centre is off by 2 and 5 pixels, and whose elevations are
-        # off by 1 and 3 degrees, by 3 and 10 %: little is added just beyond what is usual, and enough far beyond it.
-        hidden = 1.0 + max(0.0, contradiction - self.usual_contradiction) ** 2
-        x, heading = np.sqrt(hidden * self.of_views)
+        x, heading = np.sqrt(growth(excess) * self.of_views)
         factors = np.array([x, x, heading])
         return np.asarray(factors[:, None] * shown * factors)
 
