@@ -29,12 +29,15 @@ class Reporting:
         Declares its arguments; ``--json``, ``--out`` and ``--debug`` are there already.
     execute : callable
         Does the work and gives the report; known errors are raised.
+    goes_on : bool
+        Called again after it was interrupted, with the same ``--out``, it finds what is done already.
     """
 
     name: str
     summary: str
     add_arguments: Callable[[argparse.ArgumentParser], None]
     execute: Callable[[argparse.Namespace], Report]
+    goes_on: bool = False
 
 
 def family(name: str, summary: str, members: Sequence[Reporting]) -> Command:
@@ -62,6 +65,7 @@ def family(name: str, summary: str, members: Sequence[Reporting]) -> Command:
 
 def _execute(args: argparse.Namespace) -> int:
     """Find out, print the report as Markdown or JSON, and write it where that is wanted."""
+    args.keeps_parts = args.member.goes_on and args.out is not None
     from panoloc_mcl.robot.files import write_atomically
     from panoloc_mcl.tools.report import strict_json
 

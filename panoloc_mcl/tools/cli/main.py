@@ -84,7 +84,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         if args.debug:
             raise
-        if args.command.goes_on:
+        if args.command.goes_on or args.keeps_parts:
             print("interrupted; the same command, called again, goes on from here", file=sys.stderr)
         return EXIT_INTERRUPTED
     except BrokenPipeError:

@@ -91,7 +91,7 @@ def _build(commands: Sequence[Command]) -> tuple[Parser, dict[str, Parser]]:
         command.add_arguments(sub)
         sub.add_argument("--debug", action="store_true", help="show a traceback with known errors, too")
         sub.add_argument("--version", action="version", version=f"panoloc {__version__}")
-        sub.set_defaults(command=command, parser=sub)
+        sub.set_defaults(command=command, parser=sub, keeps_parts=False)
         of_command[command.name] = sub
     return parser, of_command
 

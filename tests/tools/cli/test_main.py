@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 import panoloc_mcl
+import panoloc_mcl.laboratory.studies.consistency
 import panoloc_mcl.tools.runs.pipeline
 from panoloc_mcl.robot.errors import PanolocError
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
@@ -87,6 +88,11 @@ def test_interrupted_work_that_is_kept_says_so(panoloc, small_room, monkeypatch)
     monkeypatch.setattr(PanoramaMap, "build", raising(KeyboardInterrupt()))
     done = panoloc("build-map", small_room, "-o", "a.panomap")
     assert (done.code, done.err) == (130, "interrupted; the same command, called again, goes on from here\n")
+
+    monkeypatch.setattr(panoloc_mcl.laboratory.studies.consistency, "study", raising(KeyboardInterrupt()))
+    done = panoloc("study", "consistency", "--dataset", small_room, "--out", "kept")
+    assert (done.code, done.err) == (130, "interrupted; the same command, called again, goes on from here\n")
+    assert panoloc("study", "consistency", "--dataset", small_room).err == ""
 
 
 def test_the_package_is_the_command():

@@ -47,4 +47,6 @@ def execute(args: argparse.Namespace) -> Report:
         return study(config_of(args, seed=args.seed), *asked)
 
 
-COMMAND = Reporting("consistency", "whether claimed covariances hold, condition by condition", add_arguments, execute)
+COMMAND = Reporting(
+    "consistency", "whether claimed covariances hold, condition by condition", add_arguments, execute, goes_on=True
+)

@@ -47,4 +47,6 @@ def execute(args: argparse.Namespace) -> Report:
         return study(config_of(args, seed=args.seed), *asked)
 
 
-COMMAND = Reporting("soak", "hours of driving with random faults, and what must hold after every image", add_arguments, execute)
+COMMAND = Reporting(
+    "soak", "hours of driving with random faults, and what must hold after every image", add_arguments, execute, goes_on=True
+)
