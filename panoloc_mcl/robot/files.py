@@ -91,6 +91,24 @@ def known_errors(kind: type[PanolocError], path: str | Path, what: str = "read")
         raise kind(f"{where}: cannot be {what} ({error.strerror or error}); check the path and permissions") from error
 
 
+def text_of(path: Path, kind: type[PanolocError]) -> str:
+    """The text of a file in UTF-8, with a byte order mark or without one; lines end with a line feed, as Python reads text.
+
+    Raises
+    ------
+    kind
+        It is in another encoding; names the line.
+    OSError
+        It cannot be read.
+    """
+    content = path.read_bytes()
+    try:
+        return content.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise kind(f"{path}:{line}: byte 0x{content[error.start]:02x} is not UTF-8; save the file in that encoding") from error
+
+
 def write_atomically(path: Path, content: bytes | str | Iterable[bytes | memoryview]) -> None:
     """Write a file so that no reader ever sees a part of it; folders above it are made.
 

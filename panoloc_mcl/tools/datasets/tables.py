@@ -13,8 +13,8 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc_mcl.robot.errors import did_you_mean
-from panoloc_mcl.robot.files import write_atomically
+from panoloc_mcl.robot.errors import DatasetError, did_you_mean
+from panoloc_mcl.robot.files import text_of, write_atomically
 
 _MOST_FAULTS = 20
 
@@ -69,12 +69,15 @@ def read_image_table(
         None when there were faults.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = text_of(path, DatasetError)
+    except DatasetError as error:
+        faults.extend(error.faults)
+        return None
     except FileNotFoundError:
         faults.append(f"{path}: no such file; add it with the columns {', '.join(('file', *columns, *unknown))}")
         return None
-    except (OSError, ValueError) as error:
-        faults.append(f"{path}: cannot be read ({error}); check permissions and encoding (UTF-8)")
+    except OSError as error:
+        faults.append(f"{path}: cannot be read ({error}); check permissions")
         return None
     # Strict, as an open quote would swallow the rest of the file without a word.
     reader = csv.reader(io.StringIO(text), skipinitialspace=True, strict=True)

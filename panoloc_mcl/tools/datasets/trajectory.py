@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from panoloc_mcl.robot.errors import DatasetError
-from panoloc_mcl.robot.files import write_atomically
+from panoloc_mcl.robot.files import text_of, write_atomically
 from panoloc_mcl.robot.geometry import interpolate_at, yaw_from_quaternion
 
 FloatArray = NDArray[np.float64]
@@ -91,11 +91,11 @@ def read_tum(path: Path) -> Trajectory:
         that are not of unit length, time stamps that do not increase, no poses at all.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = text_of(path, DatasetError)
     except FileNotFoundError:
         raise DatasetError(f"{path}: no such file; check the path") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise DatasetError(f"{path}: cannot be read ({error}); check permissions and encoding (UTF-8)") from error
+    except OSError as error:
+        raise DatasetError(f"{path}: cannot be read ({error}); check permissions") from error
     rows: list[list[float]] = []
     faults: list[str] = []
     last = -math.inf

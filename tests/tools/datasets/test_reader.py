@@ -184,6 +184,14 @@ def test_columns_in_any_order_and_a_byte_order_mark(room: Path) -> None:
     assert np.array_equal(read_dataset(room).references.poses, [[1.0, 2.0, 0.5]])
 
 
+@pytest.mark.parametrize("file", ["references/poses.csv", f"{SEQUENCE}/frames.csv", f"{SEQUENCE}/odometry.tum"])
+def test_another_encoding_is_told_with_its_line(room: Path, file: str) -> None:
+    (room / file).write_bytes((room / file).read_bytes() + "# caf\u00e9\n".encode("latin-1"))
+    line = (room / file).read_bytes().count(b"\n")
+    with pytest.raises(DatasetError, match=rf"{file}:{line}: byte 0xe9 is not UTF-8; save the file"):
+        read_dataset(room)
+
+
 def test_standard_deviations_of_poses_are_optional(room: Path) -> None:
     assert read_dataset(room).references.sds is None
     table = "file,x,y,theta,sd_theta,sd_xy\nref_000.png,0,0,0,0.1,0.02\nref_001.png,1,0,0,,0.05\n"

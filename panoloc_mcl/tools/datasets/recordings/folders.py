@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import csv
+import io
 import re
 from pathlib import Path
 
 import numpy as np
 
 from panoloc_mcl.robot.errors import DatasetError
+from panoloc_mcl.robot.files import text_of
 from panoloc_mcl.tools.datasets.recordings.recording import Recording
 from panoloc_mcl.tools.datasets.trajectory import Trajectory, read_tum
 
@@ -78,7 +80,7 @@ def track_beside(folder: Path, stem: str, part: str) -> Trajectory | None:
 
 def _read_csv(path: Path) -> Trajectory:
     """Columns of a time, x, y and a heading in radians, in any order and among others."""
-    with path.open(encoding="utf-8-sig", newline="") as stream:
+    with io.StringIO(text_of(path, DatasetError), newline="") as stream:
         rows = csv.DictReader(stream, skipinitialspace=True)
         known = {name.strip().lower(): name for name in rows.fieldnames or ()}
         columns = [
@@ -103,7 +105,7 @@ def stamps_beside(path: Path, stem: str) -> list[int] | None:
     file = path / f"{stem}.frames.csv"
     if not file.is_file():
         return None
-    lines = [line.split(",")[0].strip() for line in file.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+    lines = [line.split(",")[0].strip() for line in text_of(file, DatasetError).splitlines() if line.strip()]
     stamps = []
     for number, line in enumerate(lines[1:], start=2):
         match = re.fullmatch(r"(\d+)(?:\.(\d{1,9}))?", line)
