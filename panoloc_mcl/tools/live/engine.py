@@ -18,6 +18,7 @@ from panoloc_mcl.robot.filters import Estimate
 from panoloc_mcl.robot.floors import AnyLocalizer
 from panoloc_mcl.robot.interface.answers import TimedPose
 from panoloc_mcl.robot.interface.messages import Image, Message, Odometry
+from panoloc_mcl.robot.reasons import Reason
 
 # Latencies that the median is over.
 _REMEMBERED = 200
@@ -102,8 +103,9 @@ class Engine:
         Work off every image, however long it takes: for recordings that are not played in real time.
     missing_after_s : float
         Seconds without images or odometry after which a warning names what is missing.
-    on_error : callable, optional
-        Is told of what a bad output or image raised; the engine goes on.
+    notice : callable, optional
+        Is told of what a bad output or image raised, and what the localizer says of every kind of trouble (`Reason`) that it has
+        for the first time; the engine goes on.
     sources : (str, str)
         What to call that which does not come: images, and odometry.
     """
@@ -114,12 +116,14 @@ class Engine:
         outputs: Sequence[Output] = (),
         keep_all: bool = False,
         missing_after_s: float = 5.0,
-        on_error: Callable[[str], None] | None = None,
+        notice: Callable[[str], None] | None = None,
         sources: tuple[str, str] = ("image", "odometry"),
     ) -> None:
         self.localizer = localizer
         self.outputs = list(outputs)
-        self._keep_all, self._missing_after_s, self._on_error = keep_all, missing_after_s, on_error
+        self._keep_all, self._missing_after_s = keep_all, missing_after_s
+        self._notice = notice or (lambda text: None)
+        self._told: set[Reason] = set()
         self._sources = sources
         self._changed = threading.Condition()
         self._waiting: deque[tuple[Image, float]] = deque()
@@ -222,6 +226,9 @@ class Engine:
         if estimate is None:
             return
         self._answered += 1
+        if not self._told.issuperset(estimate.reasons):
+            self._told.update(estimate.reasons)
+            self._notice(f"image of {image.timestamp:.3f} s: {estimate.message}")
         self._last = Answer(estimate, image, pixels, 1e3 * (done - arrived), self._dropped, 1e3 * (done - begun))
         self._latencies.append((self._last.latency_ms, self._last.step_ms))
         for output in self.outputs:
@@ -232,5 +239,4 @@ class Engine:
         try:
             work()
         except Exception as error:
-            if self._on_error is not None:
-                self._on_error(f"{type(error).__name__}: {' '.join(str(error).split())}")
+            self._notice(f"{type(error).__name__}: {' '.join(str(error).split())}")

@@ -109,7 +109,7 @@ def test_an_output_that_fails_stops_nothing(panorama_map: PanoramaMap, drive: Dr
 
     told: list[str] = []
     after = Collected()
-    with Engine(Localizer(panorama_map), [Failing(), after], keep_all=True, on_error=told.append) as engine:
+    with Engine(Localizer(panorama_map), [Failing(), after], keep_all=True, notice=told.append) as engine:
         for message in list(recorded(drive))[:20]:
             engine.put(message)
         engine.drain()
@@ -121,12 +121,17 @@ def test_a_frozen_camera_is_said_and_not_believed(panorama_map: PanoramaMap, dri
     output = Collected()
     stuck = next(message for message in recorded(drive) if isinstance(message, Image)).pixels()
     assert isinstance(stuck, np.ndarray)
-    with Engine(Localizer(panorama_map), [output], keep_all=True) as engine:
+    told: list[str] = []
+    with Engine(Localizer(panorama_map), [output], keep_all=True, notice=told.append) as engine:
         for message in recorded(drive):
             engine.put(replace(message, source=stuck) if isinstance(message, Image) else message)
             engine.drain()
     frozen = [answer.estimate for answer in output.answers if "frozen" in answer.estimate.message]
     assert len(frozen) > 6
+    # To the user when it comes up first, as every other reason, however many images there are.
+    kinds = {reason for answer in output.answers for reason in answer.estimate.reasons}
+    assert "frozen" in told[0]
+    assert len(told) <= len(kinds) < 4
     assert frozen[-1].status is not Status.CONVERGED
     moved = np.hypot(*(output.moves[-1][0].pose[:2] - output.answers[0].estimate.pose[:2]))
     truth = np.hypot(*(drive.groundtruth.poses[-1, :2] - drive.groundtruth.poses[0, :2]))
