@@ -24,6 +24,8 @@ Complex64 = NDArray[np.complex64]
 _CANDIDATES = 5
 # Distance between views that an image is looked for in, and between candidates, in spacings of keyframes.
 _VIEWS, _APART = 0.35, 0.7
+# These are no smaller than this, metres: where a way was driven twice, the nearest keyframe stands millimetres off.
+_LEAST_SPACING_M = 0.25
 # Two keyframes that see each other see what lies between them: in the circle over the line between them, and a little around.
 _BETWEEN = 1.1
 _NOTHING_KEPT, _KEPT_TOGETHER = Parts(), 64
@@ -66,7 +68,7 @@ def relocated(
         return {}
     trusted = synthesizer.of(others)
     refiner = PoseRefiner(trusted, settings)
-    spacing = Places(trusted.references.positions).spacing
+    spacing = max(Places(trusted.references.positions).spacing, _LEAST_SPACING_M)
     grid = settings.virtual_places.model_copy(update={"spacing_m": _VIEWS * spacing})
     places = virtual_positions(trusted.references.positions, spacing, grid)
     images = [orientations(references.panorama(int(index)), settings) for index in lost]

@@ -1,6 +1,7 @@
 """Mending of poses on the small room, whose references' poses are known."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -109,6 +110,23 @@ def test_swapped_rows_are_named_and_placed_anew_or_left_out(small_room: Dataset)
         if names[index] in result.keyframes.names:
             place = result.keyframes.names.index(names[index])
             assert np.hypot(*(result.source.poses[place] - truth[index])[:2]) < 0.1
+
+
+@pytest.mark.slow
+def test_a_way_that_was_driven_twice_is_searched_no_finer_than_one_driven_once(small_room: Dataset, tmp_path: Path):
+    # The nearest reference is millimetres off everywhere: a grid as fine as that would not fit into any memory.
+    references = small_room.references
+    again = [tmp_path / f"again_{file.name}" for file in references.files]
+    for copy, file in zip(again, references.files, strict=True):
+        copy.write_bytes(file.read_bytes())
+    truth = np.concatenate([references.poses, references.poses + np.array([0.002, 0.001, 0.0])])
+    given = truth.copy()
+    given[0, :2] += [1.2, 0.9]
+    result = mend(replace(references, files=(*references.files, *again), poses=given), QUICK, MapSettings(file=None))
+    assert references.files[0].name in "\n".join(result.notes)
+    if references.files[0].name in result.keyframes.names:
+        place = result.keyframes.names.index(references.files[0].name)
+        assert np.hypot(*(result.source.poses[place] - truth[0])[:2]) < 0.1
 
 
 def test_mending_can_be_switched_off(small_room: Dataset):
