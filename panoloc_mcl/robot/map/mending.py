@@ -197,7 +197,7 @@ class _Mending:
         priors = Priors(self.given, self.sds)
         solution = solve(self.poses, self.edges, priors)
         known = np.isfinite(solution.prior_weights) & ~np.isinf(self.sds).any(axis=1)
-        self.metres = SurveyScale.of(solution.poses, self.given, np.where(known, solution.prior_weights, 0.0))
+        self.metres = SurveyScale.of_edges(self.edges, solution.poses, self.given, np.where(known, solution.prior_weights, 0.0))
         if self.metres.is_off:
             # The survey is the frame: it is not stretched to what images make of a height that was measured wrongly.
             self.edges = self.metres.of_survey(self.edges)

@@ -13,11 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc_mcl.robot.map.keyframes import Edges
+from panoloc_mcl.robot.map.pose_graph import Priors, solve
 
 Float64 = NDArray[np.float64]
 
 # A scale is off if it differs from 1 by so many standard deviations and by this share at least.
 _CLEAR, _LEAST = 4.0, 0.02
+# Standard deviation of what holds a graph in its place and bends nothing, metres and radians.
+_HARDLY_KNOWN = 10.0
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,22 @@ class SurveyScale:
         variance = float(weights @ (left**2).sum(axis=1)) / (2.0 * total - 4.0)
         shrunk = float(np.hypot(along, across)) / extent
         return cls(1.0 / shrunk, float(np.sqrt(variance / extent + _uneven(own, left, weights))) / shrunk**2)
+
+    @classmethod
+    def of_edges(cls, edges: Edges, poses: Float64, given: Float64, weights: Float64) -> SurveyScale:
+        """From measured relative poses, put together without the given poses, which would hold them back from the metres of the images.
+
+        Parameters
+        ----------
+        edges : Edges
+        poses : float64 (n, 3)
+            To start from.
+        given : float64 (n, 3)
+        weights : float64 (n,)
+            Of the given poses.
+        """
+        hardly_known = Priors(given, np.full((len(given), 2), _HARDLY_KNOWN), robust=False)
+        return cls.of(solve(poses, edges, hardly_known).poses, given, weights)
 
     @property
     def is_off(self) -> bool:

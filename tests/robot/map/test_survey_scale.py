@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from panoloc_mcl.robot.geometry import compose
+from panoloc_mcl.robot.geometry import between, compose
 from panoloc_mcl.robot.map.keyframes import Edges
 from panoloc_mcl.robot.map.panorama_map import PanoramaMap
+from panoloc_mcl.robot.map.pose_graph import Priors, solve
 from panoloc_mcl.robot.map.survey_scale import SurveyScale
 from panoloc_mcl.tools.datasets import Dataset
 
@@ -67,6 +68,21 @@ def test_too_few_say_nothing() -> None:
 def test_relative_poses_are_brought_to_the_metres_of_the_survey() -> None:
     edges = Edges.of(np.array([[0, 1]]), np.array([[1.1, 2.2, 0.5]]), np.eye(3)[None])
     np.testing.assert_allclose(SurveyScale(1.1, 0.01).of_survey(edges).measured, [[1.0, 2.0, 0.5]])
+
+
+@given(st.floats(0.9, 1.1), st.integers(0, 99))
+@settings(max_examples=20, deadline=None)
+def test_given_poses_do_not_hold_relative_ones_back_from_their_metres(ratio: float, seed: int) -> None:
+    # A corridor: few ways round, so that a graph with the given poses in it keeps much of their metres.
+    corridor = np.array([(float(x), float(y), 0.05 * x) for x in range(20) for y in range(2)])
+    pairs = np.array([(i, j) for i in range(40) for j in range(i + 1, 40) if np.hypot(*(corridor[i] - corridor[j])[:2]) < 1.1])
+    noise = np.random.default_rng(seed).standard_normal((len(pairs), 3)) * [0.003, 0.003, 0.0005]
+    measured = between(corridor[pairs[:, 0]], corridor[pairs[:, 1]]) * [ratio, ratio, 1.0] + noise
+    edges = Edges.of(pairs, measured, np.broadcast_to(np.diag([1e-5, 1e-5, 2.5e-7]), (len(pairs), 3, 3)))
+    found = SurveyScale.of_edges(edges, corridor, corridor, np.ones(len(corridor)))
+    assert found.ratio == pytest.approx(ratio, abs=0.004)
+    held_back = SurveyScale.of(solve(corridor, edges, Priors(corridor, np.full((40, 2), 0.01))).poses, corridor, np.ones(40))
+    assert abs(held_back.ratio - 1.0) < 0.8 * abs(found.ratio - 1.0) + 0.004
 
 
 @pytest.mark.slow
