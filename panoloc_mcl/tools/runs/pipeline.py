@@ -33,7 +33,8 @@ from panoloc_mcl.tools.streams import answers, recorded
 
 # Conventions are checked before a run on so many drives, by so many pairs of images each.
 _DRIVES_HELD, _PAIRS_HELD = 2, 12
-# Images in which floor and walls contradict each other are worth a note from more than so many, and than this share of all, on: of
+# Images in which floor and walls contradict each other are worth a note from more than so many, and than this share of all, on, also
+# where none of them is sure of its pose, so that a localizer learns nothing from them (`robot/interface/contradictions.py`): of
 # images of the rendered hall and office it is 9 and 2 %, with a camera whose centre is off by 2 pixels 90 and 49 %.
 _FEW_CONTRADICT, _SHARE_CONTRADICTS = 4, 0.33
 
