@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from panoloc_mcl.robot.camera import Panorama
 from panoloc_mcl.robot.geometry import angle_difference
 from panoloc_mcl.robot.observation.disturbances import bars, blobs, gain, random_pixels, spatial_light
+from panoloc_mcl.robot.observation.evidence import evidence, of_evidence, told_apart
 from panoloc_mcl.robot.observation.field import VoteField
 from panoloc_mcl.robot.observation.regression import (
     expected_calibration_error,
@@ -133,20 +134,6 @@ class Calibration:
         return cls(tolerance, values[4:8].reshape(1, 4), values[8:].reshape(2, 6), int(images), log_loss, ece)
 
 
-def evidence(field: VoteField) -> Float64:
-    """What tells a right best pose from a wrong one.
-
-    How far the best votes stand out, their lead over the best rival, and either the votes themselves, or how far the image agrees with
-    the view synthesised at the refined pose, how unanimously, and how far in that third of its rows where it does least. float64 (3,)
-    or, refined, (5,): logarithms.
-    """
-    shape = [max(field.standing_out, 1.0), max(field.peak.margin, 3e-3)]
-    if field.measurement is None:
-        return np.log([*shape, max(field.peak.votes, 1e-2)])
-    agreement = field.measurement.agreement
-    return np.log([*shape, max(agreement.cosine, 1e-2), max(agreement.unanimity, 0.3), max(agreement.weakest, 1e-2)])
-
-
 class _Trials(NamedTuple):
     """A row for each image."""
 
@@ -207,8 +194,8 @@ def calibrate(
     refined_weights = np.zeros((2, 6))
     judged, right = trials.field_evidence, trials.field_right
     if _is_refined(trials.refined_evidence[0]):
-        judged, right = trials.refined_evidence, trials.refined_right
-        refined_weights = fitted_apart(judged, right, whole, wrong_share)
+        judged, right = told_apart(trials.refined_evidence), trials.refined_right
+        refined_weights = of_evidence(fitted_apart(judged, right, whole, wrong_share))
     said = out_of_fold(judged, right, whole, positions, near, wrong_share)
     tolerance: float | None
     if between:

@@ -24,9 +24,13 @@ def probabilities(evidence: Float64, weights: Float64) -> Float64:
 def fitted(evidence: Float64, right: Bool, wrong_share: float | None = None) -> Float64:
     """Weights of a logistic regression with a little ridge, in units of the evidence's own spread: float64 (1 + k,).
 
+    None but the constant is negative: more evidence never makes an image less sure. Free weights of a small map, whose held-out
+    references agree less with it than a robot's images do, counted an agreement against the image that was beyond what they had seen.
+
     Parameters
     ----------
     evidence : float64 (n, k)
+        Each figure speaks for being right, the more the larger it is.
     right : bool (n,)
     wrong_share : float, optional
         Trials count so that those that are wrong make up this share; all alike if left out.
@@ -50,7 +54,8 @@ def fitted(evidence: Float64, right: Bool, wrong_share: float | None = None) -> 
     # Here, since a robot that runs does not need it.
     from scipy.optimize import minimize
 
-    found = minimize(loss, np.zeros(evidence.shape[1] + 1), jac=True, method="BFGS").x
+    bounds = [(None, None), *[(0.0, None)] * evidence.shape[1]]
+    found = minimize(loss, np.zeros(evidence.shape[1] + 1), jac=True, method="L-BFGS-B", bounds=bounds).x
     weights = found[1:] / spread
     return np.concatenate([[found[0] - weights @ mean], weights])
 

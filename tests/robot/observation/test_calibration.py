@@ -1,6 +1,7 @@
 """What held-out references teach, on a scripted model and on a map of a bare room."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,10 +14,10 @@ from scipy.optimize import minimize
 from panoloc_mcl.robot.camera import Panorama, PanoramaGeometry
 from panoloc_mcl.robot.measurement import Agreement, PoseMeasurement
 from panoloc_mcl.robot.observation import calibration
-from panoloc_mcl.robot.observation.calibration import Calibration, calibrate, evidence, most_likely_tolerance
+from panoloc_mcl.robot.observation.calibration import Calibration, calibrate, most_likely_tolerance
 from panoloc_mcl.robot.observation.field import VoteField
 from panoloc_mcl.robot.observation.places import Places
-from panoloc_mcl.robot.observation.regression import expected_calibration_error, fitted, log_loss
+from panoloc_mcl.robot.observation.regression import expected_calibration_error, fitted, log_loss, probabilities
 from panoloc_mcl.robot.observation.votes import VotesModel
 from panoloc_mcl.robot.references import ReferencePanoramas
 from panoloc_mcl.robot.settings.observation import VirtualPlacesSettings, VotesSettings
@@ -121,14 +122,6 @@ def test_a_single_reference_teaches_nothing() -> None:
     assert calibrate(lambda index: Oracle(known, index), known, 8) is None
 
 
-def test_evidence_is_finite_for_fields_of_any_kind() -> None:
-    for votes in (np.zeros((6, len(PLACES))), np.ones((6, len(PLACES)))):
-        field = VoteField(votes.astype(np.float32), 2.0 * np.pi * np.arange(6) / 6, PLACES, 0.1)
-        assert np.isfinite(evidence(field)).all()
-        nothing = PoseMeasurement(np.zeros(3), np.eye(3), np.zeros(2), Agreement(-1.0, np.full(24, np.nan), -1.0))
-        assert np.isfinite(evidence(field.with_measurement(nothing))).all()
-
-
 @given(st.lists(st.tuples(st.floats(0.0, 1.0), st.booleans()), min_size=1, max_size=60))
 def test_calibration_error_agrees_with_its_definition(pairs: list[tuple[float, bool]]) -> None:
     probabilities, right = np.array([p for p, _ in pairs]), np.array([r for _, r in pairs])
@@ -161,8 +154,22 @@ def test_the_regression_minimises_its_loss() -> None:
         centre = weights[0] + seen.mean(axis=0) @ weights[1:]
         return float(np.log1p(np.exp(-scores)).mean() + 0.003 * scaled @ scaled + 1e-3 * centre**2)
 
-    expected = minimize(loss, np.zeros(4), method="Nelder-Mead", options={"maxiter": 20000, "xatol": 1e-8, "fatol": 1e-12}).x
+    bounds = [(-1e3, 1e3), *[(0.0, 1e3)] * 3]
+    options: Any = {"maxiter": 20000, "xatol": 1e-8, "fatol": 1e-12}
+    expected = minimize(loss, np.zeros(4), method="Nelder-Mead", bounds=bounds, options=options).x
     assert loss(found) <= loss(expected) + 1e-6
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(6, 60), st.floats(0.0, 5.0))
+def test_more_evidence_never_makes_an_image_less_sure(seed: int, count: int, more: float) -> None:
+    rng = np.random.default_rng(seed)
+    seen, right = rng.normal(size=(count, 3)), rng.random(count) > 0.5
+    # One figure that happens to be smaller where the pose is right.
+    seen[:, 2] -= 2.0 * right
+    weights = fitted(seen, right, 1.0 / 3.0)[None]
+    before = probabilities(seen, weights)
+    for figure in range(3):
+        assert (probabilities(seen + more * np.eye(3)[figure], weights) >= before - 1e-12).all()
 
 
 @pytest.mark.parametrize("copies", [1, 5])
