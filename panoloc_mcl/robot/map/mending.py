@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +15,11 @@ from numpy.typing import NDArray
 
 from panoloc_mcl.robot.geometry import compose, wrap_angle
 from panoloc_mcl.robot.map.keyframes import Edges, Keyframes, is_still
+from panoloc_mcl.robot.map.mended import Mended, notes_of
 from panoloc_mcl.robot.map.pairs import PairMeasurements, measure_pairs, neighbour_pairs
 from panoloc_mcl.robot.map.pose_graph import Priors, Solution, closure_error, solve
 from panoloc_mcl.robot.map.relocation import contradicted, relocated
+from panoloc_mcl.robot.map.survey_frame import SurveyFrame
 from panoloc_mcl.robot.map.survey_scale import SurveyScale
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.references import ReferencePanoramas, References, read_references
@@ -39,8 +39,8 @@ _FAR_IN_SPACINGS = 2.5
 _LEAST_SHARE = 0.6
 # What refinement errs by, however exact it claims to be: depths are those of a floor and a wall. Set on rendered references 1 m apart.
 _LEAST_SD_M, _LEAST_SD_RAD = 0.003, np.radians(0.05)
-# A weight from which on an edge supports its ends, and a given pose is borne out.
-_SUPPORTS, _BORNE_OUT = 0.5, 0.1
+# A weight from which on an edge supports its ends, and a given pose is borne out; and one that a drift leaves to most given poses.
+_SUPPORTS, _BORNE_OUT, _NOT_FAR_OFF = 0.5, 0.1, 0.01
 # Relative poses that miss each other by more than this share of the way round a triangle cannot mend anything: walls and a floor do not
 # describe the place, or its images are too coarse. Rendered halls and offices close to .01, images of a wood to .3.
 _MOST_CLOSURE = 0.1
@@ -49,28 +49,6 @@ _NOT_CLOSED = "poses not mended: what images tell of relative poses here does no
 _STILL_M, _STILL_RAD = 0.003, np.radians(0.05)
 # An image that is found this near to its given pose was never lost.
 _SAME_POSE_M, _SAME_POSE_RAD = 0.3, np.radians(8.0)
-_NAMED = 8
-
-
-@dataclass(frozen=True, eq=False)
-class Mended:
-    """References with mended poses.
-
-    Parameters
-    ----------
-    source : References
-        Those that are in the map, with poses as the map holds them.
-    panoramas : ReferencePanoramas
-        The same, read and turned to heading 0.
-    keyframes : Keyframes
-    notes : tuple of str
-        What the user should know.
-    """
-
-    source: References
-    panoramas: ReferencePanoramas
-    keyframes: Keyframes
-    notes: tuple[str, ...]
 
 
 def mend(
@@ -141,6 +119,7 @@ class _Mending:
         self.threads = votes.virtual_places.threads or os.cpu_count() or 1
         self.edges = Edges.none()
         self.metres = SurveyScale(1.0, np.inf)
+        self.frame: SurveyFrame | None = None
         # References that were looked for elsewhere, found there, that no other fits, and that are in nobody's way.
         self.sought: set[int] = set()
         self.anew: set[int] = set()
@@ -166,6 +145,8 @@ class _Mending:
         if closure_error(self.edges) > _MOST_CLOSURE:
             return self._given(_NOT_CLOSED)
         self._judge_unfitting(lost, moved_anew)
+        if not exact:
+            self._place_frame(solution)
         return self._result()
 
     def _most_closure(self) -> float:
@@ -275,6 +256,14 @@ class _Mending:
             else:
                 self.alone.add(index)
 
+    def _place_frame(self, solution: Solution) -> None:
+        """Where the errors of given poses add up, the map keeps to where the survey began, not to its mean."""
+        told = (solution.prior_weights >= _NOT_FAR_OFF) & ~np.isinf(self.sds).any(axis=1)
+        self.frame = SurveyFrame.of_drift(self.given, self.poses, told)
+        if self.frame is not None:
+            self.poses = self.frame.moved(self.poses)
+            self.covariances = self.frame.turned(self.covariances) + self.frame.errors_at(self.poses[:, :2])
+
     def _result(self) -> Mended:
         source, names = self.source, self.panoramas.names
         kept = np.setdiff1d(np.arange(len(source)), list(self.out))
@@ -294,7 +283,8 @@ class _Mending:
         panoramas = read_references(mended)
         height = panoramas.camera_height_m
         metres = (self.metres.note(height),) if self.metres.is_off and height is not None else ()
-        return Mended(mended, panoramas, keyframes, (*_notes(keyframes), *metres))
+        frame = () if self.frame is None else (self.frame.note,)
+        return Mended(mended, panoramas, keyframes, (*notes_of(keyframes), *frame, *metres))
 
 
 def robot_edges(measured: PairMeasurements, headings: Float64, sufficient: float) -> Edges:
@@ -324,26 +314,3 @@ def _given_sds(source: References, settings: MapSettings) -> Float64:
     if source.sds is not None:
         sds = np.where(np.isnan(source.sds), sds, source.sds)
     return sds
-
-
-def _notes(keyframes: Keyframes) -> Iterator[str]:
-    """One line for all that moved, and one for each that was far off."""
-    moved, turned = keyframes.moved_m, np.abs(np.degrees(keyframes.turned))
-    anew = [keyframes.names.index(name) for name in keyframes.placed_anew]
-    others = np.setdiff1d(np.arange(len(keyframes)), anew)
-    if np.any(moved[others] > 0.0) or np.any(turned[others] > 0.0):
-        yield (
-            f"poses of {len(others)} references corrected by the images: {100 * np.median(moved[others]):.1f} cm and "
-            f"{np.median(turned[others]):.2f} degrees in the median, {100 * moved[others].max():.1f} cm and "
-            f"{turned[others].max():.2f} degrees at the most"
-        )
-    for index in anew[:_NAMED]:
-        x, y, heading = keyframes.poses[index]
-        yield (
-            f"{keyframes.names[index]}: its neighbours do not fit the given pose; placed anew at x = {x:.2f}, y = {y:.2f}, theta = "
-            f"{heading:.2f}, {moved[index]:.2f} m and {turned[index]:.0f} degrees from it"
-        )
-    if len(anew) > _NAMED:
-        yield f"and {len(anew) - _NAMED} more placed anew: {', '.join(keyframes.placed_anew[_NAMED:])}"
-    for name, why in keyframes.left_out.items():
-        yield f"{name}: {why}; left out of the map"

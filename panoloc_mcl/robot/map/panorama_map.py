@@ -19,7 +19,8 @@ from panoloc_mcl.robot.map.drives.mapping import map_drives
 from panoloc_mcl.robot.map.headings import with_headings
 from panoloc_mcl.robot.map.keyframes import Keyframes
 from panoloc_mcl.robot.map.map_contents import contents, fields
-from panoloc_mcl.robot.map.mending import Mended, mend
+from panoloc_mcl.robot.map.mended import Mended
+from panoloc_mcl.robot.map.mending import mend
 from panoloc_mcl.robot.map.own_body import with_found_mask
 from panoloc_mcl.robot.map.own_tilt import with_found_tilt
 from panoloc_mcl.robot.observation import ObservationModel, Places, differences, model_named

@@ -9,7 +9,8 @@ import pytest
 from panoloc_mcl.robot.geometry import between, compose, wrap_angle
 from panoloc_mcl.robot.map import mending
 from panoloc_mcl.robot.map.keyframes import Edges, Keyframes
-from panoloc_mcl.robot.map.mending import Mended, mend, robot_edges
+from panoloc_mcl.robot.map.mended import Mended
+from panoloc_mcl.robot.map.mending import mend, robot_edges
 from panoloc_mcl.robot.map.pairs import PairMeasurements, neighbour_pairs
 from panoloc_mcl.robot.map.pose_graph import closure_error
 from panoloc_mcl.robot.settings.map import MapSettings

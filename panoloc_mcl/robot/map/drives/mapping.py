@@ -24,7 +24,8 @@ from panoloc_mcl.robot.map.drives.likeness import Likeness
 from panoloc_mcl.robot.map.drives.loops import proposed, verified
 from panoloc_mcl.robot.map.drives.meetings import meeting
 from panoloc_mcl.robot.map.keyframes import BELIEVED, LOOP, ODOMETRY, Edges, Keyframes, is_still
-from panoloc_mcl.robot.map.mending import Mended, robot_edges
+from panoloc_mcl.robot.map.mended import Mended
+from panoloc_mcl.robot.map.mending import robot_edges
 from panoloc_mcl.robot.map.own_body import with_found_mask
 from panoloc_mcl.robot.map.pairs import measure_pairs, neighbour_pairs
 from panoloc_mcl.robot.map.pose_graph import Priors, solve
