@@ -21,11 +21,8 @@ def probabilities(evidence: Float64, weights: Float64) -> Float64:
     return np.asarray(1.0 / (1.0 + odds_against.sum(axis=1)))
 
 
-def fitted(evidence: Float64, right: Bool, wrong_share: float | None = None) -> Float64:
+def fitted(evidence: Float64, right: Bool, wrong_share: float | None = None, never_against: bool = False) -> Float64:
     """Weights of a logistic regression with a little ridge, in units of the evidence's own spread: float64 (1 + k,).
-
-    None but the constant is negative: more evidence never makes an image less sure. Free weights of a small map, whose held-out
-    references agree less with it than a robot's images do, counted an agreement against the image that was beyond what they had seen.
 
     Parameters
     ----------
@@ -34,6 +31,8 @@ def fitted(evidence: Float64, right: Bool, wrong_share: float | None = None) -> 
     right : bool (n,)
     wrong_share : float, optional
         Trials count so that those that are wrong make up this share; all alike if left out.
+    never_against : bool
+        Only the constant may be negative: more evidence never makes anything less sure.
     """
     mean, spread = evidence.mean(axis=0), np.maximum(evidence.std(axis=0), 1e-9)
     scaled = (evidence - mean) / spread
@@ -54,15 +53,25 @@ def fitted(evidence: Float64, right: Bool, wrong_share: float | None = None) -> 
     # Here, since a robot that runs does not need it.
     from scipy.optimize import minimize
 
-    bounds = [(None, None), *[(0.0, None)] * evidence.shape[1]]
+    bounds = [(None, None), *[(0.0 if never_against else None, None)] * evidence.shape[1]]
     found = minimize(loss, np.zeros(evidence.shape[1] + 1), jac=True, method="L-BFGS-B", bounds=bounds).x
     weights = found[1:] / spread
     return np.concatenate([[found[0] - weights @ mean], weights])
 
 
 def fitted_apart(evidence: Float64, right: Bool, first: Bool, wrong_share: float) -> Float64:
-    """Weights against two ways to be wrong, float64 (2, 1 + k): that of the ``first`` (n,), and that of the others."""
-    return np.array([fitted(evidence[some], right[some], wrong_share) for some in (first, ~first | right)])
+    """Weights against two ways to be wrong, float64 (2, 1 + k): that of the ``first`` (n,), and that of the others.
+
+    The others are right in part, so that little tells them from what is right but how far they agree. Where few references are held out
+    that stand far apart, a robot's images agree more than any that was learnt from: evidence never counts against them.
+    """
+    others = ~first | right
+    return np.array(
+        [
+            fitted(evidence[first], right[first], wrong_share),
+            fitted(evidence[others], right[others], wrong_share, never_against=True),
+        ]
+    )
 
 
 def out_of_fold(evidence: Float64, right: Bool, first: Bool, positions: Float64, gap: float, wrong_share: float) -> Float64:

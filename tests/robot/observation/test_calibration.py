@@ -141,11 +141,12 @@ def test_log_loss_of_certain_and_of_blind_predictions() -> None:
     assert np.isfinite(log_loss(np.array([0.0, 1.0]), right))
 
 
-def test_the_regression_minimises_its_loss() -> None:
+@pytest.mark.parametrize("never_against", [False, True])
+def test_the_regression_minimises_its_loss(never_against: bool) -> None:
     rng = np.random.default_rng(4)
     seen = rng.normal(0.0, [1.0, 5.0, 0.1], (80, 3))
-    right = seen @ [1.0, 0.2, 0.0] + rng.normal(0.0, 1.0, 80) > -0.5
-    found = fitted(seen, right)
+    right = seen @ [1.0, 0.2, -4.0] + rng.normal(0.0, 1.0, 80) > -0.5
+    found = fitted(seen, right, never_against=never_against)
     spread = seen.std(axis=0)
 
     def loss(weights: np.ndarray) -> float:
@@ -154,7 +155,7 @@ def test_the_regression_minimises_its_loss() -> None:
         centre = weights[0] + seen.mean(axis=0) @ weights[1:]
         return float(np.log1p(np.exp(-scores)).mean() + 0.003 * scaled @ scaled + 1e-3 * centre**2)
 
-    bounds = [(-1e3, 1e3), *[(0.0, 1e3)] * 3]
+    bounds = [(-1e3, 1e3), *[(0.0 if never_against else -1e3, 1e3)] * 3]
     options: Any = {"maxiter": 20000, "xatol": 1e-8, "fatol": 1e-12}
     expected = minimize(loss, np.zeros(4), method="Nelder-Mead", bounds=bounds, options=options).x
     assert loss(found) <= loss(expected) + 1e-6
@@ -166,7 +167,7 @@ def test_more_evidence_never_makes_an_image_less_sure(seed: int, count: int, mor
     seen, right = rng.normal(size=(count, 3)), rng.random(count) > 0.5
     # One figure that happens to be smaller where the pose is right.
     seen[:, 2] -= 2.0 * right
-    weights = fitted(seen, right, 1.0 / 3.0)[None]
+    weights = fitted(seen, right, 1.0 / 3.0, never_against=True)[None]
     before = probabilities(seen, weights)
     for figure in range(3):
         assert (probabilities(seen + more * np.eye(3)[figure], weights) >= before - 1e-12).all()
