@@ -10,16 +10,22 @@ Float64 = NDArray[np.float64]
 
 #: A robot need not drive in the tracks of the references: at least this far to all sides the map holds, metres.
 LEAST_REACH_M = 0.5
+# Nearest neighbours at less than this share of the distance of second ones show the same places once more.
+_TWICE = 0.25
 # A reference farther than this from all others, and than twice the usual, is taken to stand no sparser than that.
 _SPARSEST_M, _SPARSEST_IN_SPACINGS = 2.0, 2.0
 
 
 def usual_spacing(positions: Float64) -> float:
-    """Median distance of a position to its nearest neighbour, metres; 1.0 for a single one. Several at one position are one."""
+    """Median distance of a position to its nearest neighbour, metres; 1.0 for a single one. Several at one position are one.
+
+    Where the nearest is usually far nearer than the second one, most places are there twice, and the second one counts.
+    """
     distinct = np.unique(positions, axis=0)
     if len(distinct) < 2:
         return 1.0
-    return float(np.median(np.asarray(cKDTree(distinct).query(distinct, k=2)[0])[:, 1]))
+    nearest = np.median(np.asarray(cKDTree(distinct).query(distinct, k=min(3, len(distinct)))[0])[:, 1:], axis=0)
+    return float(nearest[-1] if nearest[0] < _TWICE * nearest[-1] else nearest[0])
 
 
 def local_spacings(positions: Float64) -> Float64:
