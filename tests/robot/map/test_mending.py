@@ -70,6 +70,23 @@ def test_disturbed_poses_are_mended(small_room: Dataset):
 
 
 @pytest.mark.slow
+def test_a_map_of_dead_reckoning_keeps_to_where_the_survey_began(small_room: Dataset) -> None:
+    truth = small_room.references.poses
+    steps = between(truth[:-1], truth[1:])
+    steps[:, 2] += 0.05 * np.random.default_rng(1).standard_normal(len(steps))
+    given = truth[:1]
+    for step in steps:
+        given = np.vstack([given, compose(given[-1], step)])
+    result = mended(small_room, given)
+    assert any("dead reckoning" in note for note in result.notes)
+    off = result.source.poses - truth
+    sds = result.keyframes.sds
+    assert np.hypot(*off[:, :2].T).mean() < 0.4 * np.hypot(*(given - truth)[:, :2].T).mean()
+    assert (np.abs(off[:, 2]) < 3.0 * sds[:, 1]).all()
+    assert (np.hypot(*off[:, :2].T) < 3.0 * sds[:, 0] * np.sqrt(2.0)).all()
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("said_m", "closures", "is_mended"),
     [
