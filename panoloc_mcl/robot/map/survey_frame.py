@@ -22,7 +22,7 @@ Float64 = NDArray[np.float64]
 
 # Fewer given poses do not tell a drift from chance; of more than the second number, some stand for all.
 _FEWEST, _MOST = 12, 150
-# A survey is said to drift where that makes its errors so many nats more likely: by chance, one of some thousand would be.
+# A survey is said to drift where that makes its errors so many nats more likely: by chance, fewer than one in a thousand would be.
 _CONVINCING = 8.0
 # Where the search for the sizes of errors begins: independent ones in metres and radians, and turns and steps for the root of a metre.
 _BEGIN = np.log([0.02, np.radians(0.5), np.radians(0.5), 0.01])
