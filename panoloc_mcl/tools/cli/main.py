@@ -88,16 +88,25 @@ def main(argv: Sequence[str] | None = None) -> int:
             print("interrupted; the same command, called again, goes on from here", file=sys.stderr)
         return EXIT_INTERRUPTED
     except BrokenPipeError:
-        # Whoever read the output has enough of it; the interpreter must not try to flush it once more.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        # Whoever read the output has enough of it.
+        _leave_unwritten()
         return EXIT_BROKEN_PIPE
     except OSError as error:
         if args.debug:
             raise
         where = f"{error.filename}: " if isinstance(error.filename, str) else ""
         print(f"{where}{error.strerror or error}; check permissions and free space", file=sys.stderr)
+        _leave_unwritten()
         return EXIT_FAULT
     return code
+
+
+def _leave_unwritten() -> None:
+    """Let go of what standard output does not take: else the interpreter tries to flush it once more, and complains."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _mend_streams() -> None:
