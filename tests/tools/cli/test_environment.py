@@ -86,14 +86,30 @@ def test_a_cache_at_the_home_of_nobody(value, run_small, monkeypatch):
     assert done.err.splitlines()[-1].startswith(f"PANOLOC_CACHE_DIR = {value}: there is no such home folder")
 
 
+def buffered() -> dict[str, str]:
+    """The environment of a user whose output is buffered, as it is unless PYTHONUNBUFFERED says otherwise."""
+    return {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("shut", [">&-", "2>&-", ">&- 2>&-", "> /dev/full"])
 def test_streams_that_are_shut(shut, small_room):
     words = f"{sys.executable} -m panoloc_mcl inspect {small_room} {shut}"
-    done = subprocess.run(["sh", "-c", words], capture_output=True, text=True, cwd=ROOT)
+    done = subprocess.run(["sh", "-c", words], capture_output=True, text=True, cwd=ROOT, env=buffered())
     assert "Traceback" not in done.stderr
     assert "Exception ignored" not in done.stderr
     assert done.returncode == (2 if "full" in shut else 0)
+
+
+@pytest.mark.parametrize(("ending", "code"), [("", 120), ("; main._leave_unwritten()", 0)])
+def test_what_a_full_disk_leaves_of_the_output_is_let_go(ending: str, code: int) -> None:
+    """The interpreter flushes it once more when it ends, and complains."""
+    words = (
+        f"{sys.executable} -c 'import sys; from panoloc_mcl.tools.cli import main; sys.stdout.write(\"x\"){ending}' > /dev/full"
+    )
+    done = subprocess.run(["sh", "-c", words], capture_output=True, text=True, cwd=ROOT, env=buffered())
+    assert done.returncode == code, done.stderr
+    assert ("Exception ignored" in done.stderr) is (code == 120)
 
 
 @pytest.mark.slow
