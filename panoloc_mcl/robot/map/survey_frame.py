@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve
 
-from panoloc_mcl.robot.geometry import wrap_angle
+from panoloc_mcl.robot.geometry import compose, wrap_angle
 
 Float64 = NDArray[np.float64]
 
@@ -33,7 +33,7 @@ _ROUNDS = 4
 
 @dataclass(frozen=True, eq=False)
 class SurveyFrame:
-    """By what a drifting survey's mean lies beside where the survey began.
+    """By how much a map that lies at the mean of a drifting survey is moved to where the survey began.
 
     Parameters
     ----------
@@ -81,9 +81,8 @@ class SurveyFrame:
 
     def moved(self, poses: Float64) -> Float64:
         """Poses (n, 3) in this frame."""
-        cos, sin = np.cos(self.move[2]), np.sin(self.move[2])
-        positions = (poses[:, :2] - self.about) @ np.array([[cos, sin], [-sin, cos]]) + self.about + self.move[:2]
-        return np.column_stack([positions, wrap_angle(poses[:, 2] + self.move[2])])
+        there = np.array([*(self.about + self.move[:2]), self.move[2]])
+        return compose(there, poses - np.array([*self.about, 0.0]))
 
     def turned(self, covariances: Float64) -> Float64:
         """Covariances (n, 3, 3) of poses, in this frame."""
