@@ -132,7 +132,7 @@ class _Mending:
         for number in range(self.settings.rounds):
             before = self.poses.copy()
             solution, synthesizer, sufficient = self._round(near=number > 0)
-            if number == 0 and closure_error(self.edges) > self._most_closure():
+            if number == 0 and closure_error(self.edges) > self._most_closure(solution):
                 return self._given(_NOT_CLOSED)
             lost = self._unsupported(solution)
             moved_anew = self._relocate(lost, synthesizer, sufficient)
@@ -149,10 +149,14 @@ class _Mending:
             self._place_frame(solution)
         return self._result()
 
-    def _most_closure(self) -> float:
-        """As `_MOST_CLOSURE`, in the first round: depths are swept from given poses, whose error, as the survey has it, is granted."""
-        said = self.sds[np.isfinite(self.sds[:, 0]), 0]
-        survey = math.sqrt(2.0) * float(np.median(said)) / usual_spacing(self.given[:, :2]) if len(said) else 0.0
+    def _most_closure(self, solution: Solution) -> float:
+        """As `_MOST_CLOSURE`, in the first round: depths are swept from given poses, whose error is granted.
+
+        That is what the survey says of itself, or else what the graph estimates.
+        """
+        sds = np.where(np.isnan(self.sds[:, 0]), solution.prior_sds[0], self.sds[:, 0])
+        known = sds[np.isfinite(sds)]
+        survey = math.sqrt(2.0) * float(np.median(known)) / usual_spacing(self.given[:, :2]) if len(known) else 0.0
         return math.hypot(_MOST_CLOSURE, survey)
 
     def _given(self, why: str) -> Mended:

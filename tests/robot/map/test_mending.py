@@ -91,15 +91,18 @@ def test_a_map_of_dead_reckoning_keeps_to_where_the_survey_began(small_room: Dat
     ("said_m", "closures", "is_mended"),
     [
         (None, (0.05, 0.05), True),
-        # Depths are swept from given poses: a survey that says how far it is off excuses triangles that miss by as much, at first.
+        # Depths are swept from given poses: how far a survey is off excuses triangles that miss by as much, at first.
         (0.1, (0.14, 0.03), True),
-        (None, (0.14, 0.03), False),
+        # Where it does not say so, the graph estimates it: 8 cm.
+        (None, (0.14, 0.03), True),
+        (None, (0.14, 0.12), False),
+        (None, (0.5, 0.03), False),
         (0.1, (0.14, 0.12), False),
         (0.01, (0.14, 0.03), False),
         (0.1, (0.5, 0.03), False),
     ],
 )
-def test_what_a_survey_says_of_itself_excuses_triangles_in_the_first_round(
+def test_errors_of_a_survey_excuse_triangles_in_the_first_round(
     small_room: Dataset, monkeypatch: pytest.MonkeyPatch, said_m: float | None, closures: tuple[float, ...], is_mended: bool
 ) -> None:
     given = small_room.references.poses + np.random.default_rng(3).standard_normal(small_room.references.poses.shape) * [
