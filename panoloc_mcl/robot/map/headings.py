@@ -13,18 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
-from panoloc_mcl.robot.geometry import compose, wrap_angle
+from panoloc_mcl.robot.geometry import wrap_angle
 from panoloc_mcl.robot.map.pairs import neighbour_pairs
-from panoloc_mcl.robot.map.turns import likeliest_headings, pair_scores
+from panoloc_mcl.robot.map.turns import PairScores, likeliest_headings, pair_scores
 from panoloc_mcl.robot.observation.scale import references_at
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.references import ReferencePanoramas, References, read_references
 from panoloc_mcl.robot.settings.map import MapSettings
 from panoloc_mcl.robot.settings.observation import VotesSettings
-from panoloc_mcl.robot.synthesis import ViewSynthesizer, sweep_profiles
-from panoloc_mcl.robot.synthesis.plausibility import agreements
 from panoloc_mcl.robot.synthesis.spacing import usual_spacing
 
 Float64 = NDArray[np.float64]
@@ -40,9 +37,10 @@ _COLUMNS = 120
 _FAR_IN_SPACINGS = 2.5
 # Turns that fit no better than this were not found, radians.
 _NOT_FOUND = np.radians(20.0)
-# Common turns that are tried, and references that they are tried on: groups of neighbours from all over the map.
-_TURNS, _GROUPS, _GROUP = 24, 3, 6
-_RESAMPLES = 200
+# References, pairs of them at most, and distances in those asked for, that a common turn is told by; turns are tried in such steps.
+_FEWEST, _PAIRS, _APART, _STEP = 8, 64, 0.95, np.radians(2.0)
+# A common turn is not thought surer than this, radians.
+_LEAST_SD = np.radians(0.5)
 
 
 def with_headings(
@@ -72,15 +70,17 @@ def with_headings(
     pairs = neighbour_pairs(panoramas.positions, settings.neighbours, _FAR_IN_SPACINGS * usual_spacing(panoramas.positions))
     pairs = pairs[pairs[:, 0] < pairs[:, 1]]
     found, residual_sd = likeliest_headings(pair_scores(panoramas, pairs, votes, sds, progress, threads), sds)
-    common, doubts, note = _common_turns(panoramas, pairs, found, sds, votes, threads)
+    common, doubts = _common_turns(panoramas, pairs, found, sds, votes, settings.neighbours, progress, threads)
     found = found + common
     poses, all_sds = source.poses.copy(), np.full((len(source), 2), np.nan) if source.sds is None else source.sds.copy()
     poses[coarse, 2] = wrap_angle(poses[coarse, 2] + found[coarse])
     all_sds[coarse, 1] = np.hypot(residual_sd, doubts[coarse])
     told = (
         f"headings of {int(coarse.sum())} of {len(source)} references found from their images; turns between neighbours fit them to "
-        f"{np.degrees(residual_sd):.1f} degrees{note}"
+        f"{np.degrees(residual_sd):.1f} degrees"
     )
+    if np.isinf(doubts[coarse]).any():
+        told += "; too few stand together to tell how all of these are turned: give theta of one of them"
     if residual_sd > _NOT_FOUND:
         told += "; their images are too unlike to tell: give theta in poses.csv, or take references nearer to each other"
     return replace(source, poses=poses, sds=all_sds), (told,)
@@ -102,74 +102,83 @@ def _small(panoramas: ReferencePanoramas) -> ReferencePanoramas:
 
 
 def _common_turns(
-    panoramas: ReferencePanoramas, pairs: Int64, headings: Float64, sds: Float64, votes: VotesSettings, threads: int
-) -> tuple[Float64, Float64, str]:
-    """What is left to turn each reference with all that pairs join to it, the standard deviation of that, and what to say of it.
+    panoramas: ReferencePanoramas,
+    pairs: Int64,
+    headings: Float64,
+    sds: Float64,
+    votes: VotesSettings,
+    neighbours: int,
+    progress: Progress,
+    threads: int,
+) -> tuple[Float64, Float64]:
+    """What is left to turn each reference with all that pairs join to it, and the standard deviation of that.
 
     Where headings are given, these have told already.
     """
     count = len(sds)
-    _, parts = connected_components(
-        csr_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count)), directed=False
-    )
-    common, doubts, note = np.zeros(count), np.full(count, np.inf), ""
+    joined = csr_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    _, parts = connected_components(joined, directed=False)
+    common, doubts = np.zeros(count), np.full(count, np.inf)
     for part in range(parts.max() + 1):
         mine = np.flatnonzero(parts == part)
         known = mine[np.isfinite(sds[mine])]
         if len(known):
             doubts[mine] = 1.0 / np.sqrt(np.sum(1.0 / np.square(sds[known])))
         elif len(mine) > 1:
-            common[mine], doubts[mine], note = _common_turn(panoramas.of(mine), headings[mine], votes, threads)
-    return common, doubts, note
+            some = panoramas.of(mine)
+            common[mine], doubts[mine] = _common_turn(some, headings[mine], votes, neighbours, progress, threads)
+    return common, doubts
 
 
 def _common_turn(
-    panoramas: ReferencePanoramas, headings: Float64, votes: VotesSettings, threads: int
-) -> tuple[float, float, str]:
-    """The turn of all headings (n,) together at which warping gains most, its standard deviation, and what to say of it."""
-    height = panoramas.camera_height_m
-    if height is None:
-        return 0.0, np.inf, "; all of them may be turned by one angle: give camera.height_m, or the heading of one reference"
-    columns = panoramas.geometry.width
-    shifts = np.rint(headings * columns / (2.0 * np.pi)).astype(int)
-    chosen = _groups(panoramas.positions)
-    level = panoramas.of(chosen)
-    # At heading 0 all show what they would have shown in a frame that is turned by the common angle alone.
-    level = replace(level, pixels=np.stack([np.roll(p, -s, axis=1) for p, s in zip(level.pixels, shifts[chosen], strict=True)]))
-    if level.valid is not None:
-        level = replace(
-            level, valid=np.stack([np.roll(v, -s, axis=1) for v, s in zip(level.valid, shifts[chosen], strict=True)])
-        )
-    turns = 2.0 * np.pi * np.arange(_TURNS) / _TURNS
-    gains = np.empty((_TURNS, len(chosen)))
-    for index, turn in enumerate(turns):
-        turned = replace(
-            level, positions=compose(np.array([0.0, 0.0, -turn]), np.pad(level.positions, ((0, 0), (0, 1))))[:, :2]
-        )
-        synthesizer = ViewSynthesizer(turned, sweep_profiles(turned, height, votes, threads=threads), height)
-        gains[index] = agreements(synthesizer, votes, threads=threads).warped
-    return *_best_turn(gains), ""
+    panoramas: ReferencePanoramas, headings: Float64, votes: VotesSettings, neighbours: int, progress: Progress, threads: int
+) -> tuple[float, float]:
+    """The turn of all headings (n,) together at which neighbours warped to each other's places fit best, and its standard deviation.
+
+    Images of near references hardly tell it, as things in them hardly move; so it is asked of some that are farther and farther apart,
+    and the surest answer counts.
+    """
+    positions = panoramas.positions
+    spacing = usual_spacing(positions)
+    answers: list[tuple[float, float]] = []
+    chosen = np.arange(len(positions))
+    while len(chosen) > 1 and (not answers or len(chosen) >= _FEWEST):
+        pairs = neighbour_pairs(positions[chosen], neighbours, _FAR_IN_SPACINGS * usual_spacing(positions[chosen]))
+        pairs = pairs[pairs[:, 0] < pairs[:, 1]]
+        pairs = pairs[np.unique(np.linspace(0, len(pairs) - 1, _PAIRS).round().astype(int))] if len(pairs) else pairs
+        nothing_known = np.full(len(chosen), np.inf)
+        scores = pair_scores(panoramas.of(chosen), pairs, votes, nothing_known, progress, threads)
+        if len(pairs):
+            answers.append(_best_turn(scores, headings[chosen]))
+        spacing *= 2.0
+        chosen = _thinned(positions, _APART * spacing)
+    return min(answers, key=lambda answer: answer[1], default=(0.0, np.inf))
 
 
-def _best_turn(gains: Float64) -> tuple[float, float]:
-    """Where references (turns, n) gain most on the mean, and how much that depends on which are asked (bootstrap: Efron 1979)."""
-    gains = gains[:, np.isfinite(gains).all(axis=0)]
-    if not gains.size:
-        return 0.0, np.inf
-    step = 2.0 * np.pi / len(gains)
-    asked = np.random.default_rng(0).integers(gains.shape[1], size=(_RESAMPLES, gains.shape[1]))
-    means = gains[:, asked].mean(axis=2)
-    best, every = means.argmax(axis=0), np.arange(_RESAMPLES)
-    before, here, after = (means[(best + offset) % len(gains), every] for offset in (-1, 0, 1))
+def _best_turn(scores: PairScores, headings: Float64) -> tuple[float, float]:
+    """The common turn that pairs tell, and its standard deviation: by leaving out one reference after the other (jackknife)."""
+    turns = np.arange(0.0, 2.0 * np.pi, _STEP)
+    of_pairs = scores.by_common_turn(headings, turns)
+    best, asked = _peak(of_pairs.sum(axis=0)), np.unique(scores.pairs)
+    left = [(scores.pairs != one).all(axis=1) for one in asked]
+    if not all(some.any() for some in left):
+        return best, np.inf
+    off = wrap_angle(np.array([_peak(of_pairs[some].sum(axis=0)) for some in left]) - best)
+    return best, float(np.hypot(np.sqrt((len(off) - 1) * np.var(off)), _LEAST_SD))
+
+
+def _peak(values: Float64) -> float:
+    """Where values at all turns are largest, to fractions of a step, radians."""
+    best, count = int(values.argmax()), len(values)
+    before, here, after = values[[best - 1, best, (best + 1) % count]]
     bend = before - 2.0 * here + after
-    peaks = np.exp(1j * step * (best + np.where(bend < 0.0, 0.5 * (before - after) / np.where(bend < 0.0, bend, 1.0), 0.0)))
-    middle = peaks.mean()
-    spread = float(np.sqrt(-2.0 * np.log(max(abs(middle), 1e-9))))
-    # A peak is read off a parabola through turns that are a step apart.
-    return float(np.angle(middle)), float(np.hypot(spread, 0.25 * step))
+    return float(wrap_angle(2.0 * np.pi / count * (best + (0.5 * (before - after) / bend if bend < 0.0 else 0.0))))
 
 
-def _groups(positions: Float64) -> Int64:
-    middles = np.linspace(0, len(positions) - 1, _GROUPS + 2).round().astype(int)[1:-1]
-    _, nearest = cKDTree(positions).query(positions[middles], k=min(_GROUP, len(positions)))
-    return np.unique(nearest).astype(np.int64)
+def _thinned(positions: Float64, apart: float) -> Int64:
+    """References, one after the other, that are so far from all that were taken before, metres."""
+    taken: list[int] = []
+    for index, position in enumerate(positions):
+        if all(np.hypot(*(position - positions[other])) >= apart for other in taken):
+            taken.append(index)
+    return np.array(taken, dtype=np.int64)

@@ -52,8 +52,8 @@ class PairScores:
     ----------
     pairs : int64 (m, 2)
     forth, back : float32 (m, directions, columns)
-        Of the first image warped to the second, and of the second warped to the first: at each heading of the one that is warped, and
-        at each turn from it to the other. A logarithm of the likelihood, but for a constant of each pair.
+        Correlations of the first image warped to the second, and of the second warped to the first: at each heading of the one that is
+        warped, and at each turn from it to the other. Minus infinity at headings that are not likely.
     """
 
     pairs: Int64
@@ -61,8 +61,13 @@ class PairScores:
     back: Float32
 
     def table(self, pair: int) -> Float32:
-        """Scores of the headings of both, float32 (columns, columns)."""
-        return _by_both(self.forth[pair]) + _by_both(self.back[pair]).T
+        """Logarithms of the likelihood of the headings of both, but for a constant, float32 (columns, columns)."""
+        return _by_both(_likelihoods(self.forth[pair])) + _by_both(_likelihoods(self.back[pair])).T
+
+    def by_common_turn(self, headings: Float64, turns: Float64) -> Float64:
+        """Correlations of each pair where all headings (n,) are turned by each of some turns (k,), radians; float64 (m, k)."""
+        first, second = headings[self.pairs[:, 0]], headings[self.pairs[:, 1]]
+        return _around(self.forth, first, second - first, turns) + _around(self.back, second, first - second, turns)
 
 
 def _by_both(scores: Float32) -> Float32:
@@ -74,6 +79,20 @@ def _by_both(scores: Float32) -> Float32:
     finer = (1.0 - share) * scores[before] + share * scores[(before + 1) % directions]
     every = np.arange(columns)
     return np.asarray(np.take_along_axis(finer, (every[None, :] - every[:, None]) % columns, axis=1), dtype=np.float32)
+
+
+def _around(scores: Float32, headings: Float64, turns: Float64, common: Float64) -> Float64:
+    """Scores (m, directions, columns) of pairs at their turn (m,) and at headings (m,) that are all turned by each of (k,)."""
+    count, directions, columns = scores.shape
+    at = np.mod(turns, 2.0 * np.pi) * (columns / (2.0 * np.pi))
+    before = np.floor(at).astype(np.int64)
+    share, rows = (at - before)[:, None], np.arange(count)
+    by_direction = (1.0 - share) * scores[rows, :, before % columns] + share * scores[rows, :, (before + 1) % columns]
+    # Between directions as a Fourier series.
+    waves = np.fft.fft(by_direction, axis=1) / directions
+    angles = headings[:, None] + common[None]
+    series = np.exp(1j * np.fft.fftfreq(directions, 1.0 / directions)[None, :, None] * angles[:, None, :])
+    return np.asarray(np.einsum("md,mdk->mk", waves, series).real)
 
 
 def pair_scores(
@@ -108,7 +127,7 @@ def pair_scores(
     def one_way(first: int, second: int) -> Float32:
         step = panoramas.positions[second] - panoramas.positions[first]
         distance = max(float(np.hypot(*step)), _LEAST_M)
-        scores = np.full((_DIRECTIONS, columns), _UNLIKELY)
+        scores = np.full((_DIRECTIONS, columns), -np.inf, dtype=np.float32)
         likely = np.abs(headings) <= _LIKELY * sds[first] + 2.0 * np.pi / _DIRECTIONS
         for row in np.flatnonzero(likely):
             c, s = np.cos(headings[row]), np.sin(headings[row])
@@ -119,7 +138,7 @@ def pair_scores(
                 np.maximum(best, _stacked(*orientations(view, votes)).T @ features[second], out=best)
             # Content moves to larger columns when the heading grows.
             scores[row] = np.take_along_axis(best, turned, axis=1).sum(axis=0)
-        return _likelihoods(scores, likely)
+        return scores
 
     def work(pair: int) -> Iterator[tuple[Float32, Float32]]:
         first, second = pairs[pair].tolist()
@@ -135,16 +154,19 @@ def _stacked(z: NDArray[np.complex64], valid: NDArray[np.bool_]) -> Float32:
     return np.concatenate([np.where(valid, z.real, 0.0), np.where(valid, z.imag, 0.0)]).astype(np.float32)
 
 
-def _likelihoods(scores: Float32, likely: NDArray[np.bool_]) -> Float32:
+def _likelihoods(scores: Float32) -> Float32:
     """Logarithms of the likelihood of scores (directions, columns) that stand out so far among those of other turns.
 
     Where scores of other turns have the standard deviation 1, one that stands out by z has the log likelihood z^2 / 2. Of the
     directions at a turn, that counts for the best only; another one's lags by the difference of both z. Scores of directions differ
     little, and pixels next to each other err alike, so that squares would make too much of it.
     """
-    middle = np.median(scores, axis=1, keepdims=True)
-    spread = 1.4826 * np.median(np.abs(scores - middle), axis=1, keepdims=True)
-    z = np.where(likely[:, None], (scores - middle) / np.maximum(spread, np.float32(1e-6)), _UNLIKELY)
+    likely = np.isfinite(scores[:, 0])
+    known = scores[likely]
+    middle = np.median(known, axis=1, keepdims=True)
+    spread = 1.4826 * np.median(np.abs(known - middle), axis=1, keepdims=True)
+    z = np.full(scores.shape, _UNLIKELY)
+    z[likely] = (known - middle) / np.maximum(spread, np.float32(1e-6))
     best = z.max(axis=0)
     return np.asarray(0.5 * np.square(np.maximum(best, 0.0)) + (z - best), dtype=np.float32)
 

@@ -91,16 +91,22 @@ def test_missing_headings_are_found_by_parallax_and_mended(turned: References, n
     assert off.max() < 1.5
 
 
-def test_turns_a_metre_apart_are_found_without_a_height(small_room: Dataset) -> None:
+def test_headings_a_metre_apart_are_found_without_a_height(small_room: Dataset) -> None:
     # In a room of four metres, in pictures of four degrees a column.
     references = small_room.references
     given = replace(references, camera=references.camera.model_copy(update={"height_m": None}))
-    found, (note,) = with_headings(
-        replace(given, poses=given.poses * [1.0, 1.0, 0.0], sds=sds(len(given), np.inf)), VotesSettings(), MapSettings()
-    )
-    off = angle_difference(found.poses[:, 2], references.poses[:, 2])
-    assert np.degrees(np.abs(off - np.median(off))).max() < 6.0
-    assert "all of them may be turned by one angle: give camera.height_m" in note
+    given = replace(given, poses=given.poses * [1.0, 1.0, 0.0], sds=sds(len(given), np.inf))
+    errors, (note,), found = found_errors(given, references)
+    assert errors.max() < 10.0
+    assert found.sds is not None
+    assert (errors < 3.0 * np.degrees(found.sds[:, 1])).all()
+    assert "too few" not in note
+
+
+def test_two_alone_do_not_tell_how_both_are_turned(near: Dataset) -> None:
+    two = near.references.of(np.array([0, 1]))
+    _, (note,), found = found_errors(replace(two, sds=sds(2, np.inf)), two)
+    assert "too few stand together to tell how all of these are turned: give theta of one of them" in note
     assert found.sds is not None
     assert np.isinf(found.sds[:, 1]).all()
 
