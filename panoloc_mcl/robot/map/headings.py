@@ -74,7 +74,8 @@ def with_headings(
     found = found + common
     poses, all_sds = source.poses.copy(), np.full((len(source), 2), np.nan) if source.sds is None else source.sds.copy()
     poses[coarse, 2] = wrap_angle(poses[coarse, 2] + found[coarse])
-    all_sds[coarse, 1] = np.hypot(residual_sd, doubts[coarse])
+    # Turns err alike along a row of references: no heading is thought surer than half a column.
+    all_sds[coarse, 1] = np.hypot(max(residual_sd, np.pi / panoramas.geometry.width), doubts[coarse])
     told = (
         f"headings of {int(coarse.sum())} of {len(source)} references found from their images; turns between neighbours fit them to "
         f"{np.degrees(residual_sd):.1f} degrees"
