@@ -1,8 +1,8 @@
 """Headings of references that nobody measured, or only coarsely, from their images.
 
-Images of neighbours tell the turns between them, and, less surely, the headings themselves (`turns.py`). Headings that were given,
-however coarse, fix a turn that all have in common; where none was, parallax does: only in the right frame do views warped from one
-place to the next agree better than the images as they are. Mending then works on what is left.
+Images of neighbours, warped to each other's places, tell the turns between them (`turns.py`). Headings that were given, however coarse,
+fix a turn that all have in common; where none was, neighbours tell that, too, and by how much it may be wrong: the farther apart they
+are, the better. Mending then works on what is left.
 """
 
 from __future__ import annotations
