@@ -67,8 +67,7 @@ def with_headings(
     if not coarse.any() or len(source) < 2:
         return source, ()
     panoramas = _small(read_references(source, progress))
-    pairs = neighbour_pairs(panoramas.positions, settings.neighbours, _FAR_IN_SPACINGS * usual_spacing(panoramas.positions))
-    pairs = pairs[pairs[:, 0] < pairs[:, 1]]
+    pairs = _pairs(panoramas.positions, settings.neighbours)
     found, residual_sd = likeliest_headings(pair_scores(panoramas, pairs, votes, sds, progress, threads), sds)
     common, doubts = _common_turns(panoramas, pairs, found, sds, votes, settings.neighbours, progress, threads)
     found = found + common
@@ -100,6 +99,18 @@ def _small(panoramas: ReferencePanoramas) -> ReferencePanoramas:
     rows, columns = panoramas.geometry.shape
     width = min(columns, _COLUMNS)
     return references_at(panoramas, (max(1, round(rows * width / columns)), width))
+
+
+def _pairs(positions: Float64, neighbours: int) -> Int64:
+    """Neighbouring places by the first reference at each, and this with every other one there, int64 (m, 2).
+
+    A robot that stood has taken many at one place: among these alone, none would have a neighbour elsewhere.
+    """
+    places, first, place = np.unique(positions.round(3), axis=0, return_index=True, return_inverse=True)
+    pairs = neighbour_pairs(places, neighbours, _FAR_IN_SPACINGS * usual_spacing(places))
+    others = np.setdiff1d(np.arange(len(positions)), first)
+    between, at_one = first[pairs[pairs[:, 0] < pairs[:, 1]]], np.column_stack([first[place.ravel()[others]], others])
+    return np.sort(np.concatenate([between, at_one]), axis=1).astype(np.int64)
 
 
 def _common_turns(
@@ -140,12 +151,10 @@ def _common_turn(
     and the surest answer counts.
     """
     positions = panoramas.positions
-    spacing = usual_spacing(positions)
-    answers: list[tuple[float, float]] = []
-    chosen = np.arange(len(positions))
+    chosen = np.unique(positions.round(3), axis=0, return_index=True)[1]
+    spacing, answers = usual_spacing(positions[chosen]) if len(chosen) > 1 else 0.0, list[tuple[float, float]]()
     while len(chosen) > 1 and (not answers or len(chosen) >= _FEWEST):
-        pairs = neighbour_pairs(positions[chosen], neighbours, _FAR_IN_SPACINGS * usual_spacing(positions[chosen]))
-        pairs = pairs[pairs[:, 0] < pairs[:, 1]]
+        pairs = _pairs(positions[chosen], neighbours)
         pairs = pairs[np.unique(np.linspace(0, len(pairs) - 1, _PAIRS).round().astype(int))] if len(pairs) else pairs
         nothing_known = np.full(len(chosen), np.inf)
         scores = pair_scores(panoramas.of(chosen), pairs, votes, nothing_known, progress, threads)

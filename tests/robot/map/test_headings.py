@@ -103,6 +103,16 @@ def test_headings_a_metre_apart_are_found_without_a_height(small_room: Dataset) 
     assert "too few" not in note
 
 
+def test_headings_of_a_robot_that_stood_are_found(turned: References) -> None:
+    # Eight images at each of two places: more than a reference has neighbours.
+    stood = turned.of(np.array([0] * 8 + [5] * 8 + [1, 2, 3, 4, 6, 7, 8, 9, 10, 11]))
+    given = replace(stood, poses=stood.poses * [1.0, 1.0, 0.0], sds=sds(len(stood), np.inf))
+    errors, _, found = found_errors(given, stood)
+    assert errors.max() < 10.0
+    assert found.sds is not None
+    assert np.isfinite(found.sds[:, 1]).all()
+
+
 def test_two_alone_do_not_tell_how_both_are_turned(near: Dataset) -> None:
     two = near.references.of(np.array([0, 1]))
     _, (note,), found = found_errors(replace(two, sds=sds(2, np.inf)), two)
