@@ -19,7 +19,7 @@ from panoloc_mcl.robot.map.mended import Mended, notes_of
 from panoloc_mcl.robot.map.pairs import PairMeasurements, measure_pairs, neighbour_pairs
 from panoloc_mcl.robot.map.pose_graph import Priors, Solution, closure_error, solve
 from panoloc_mcl.robot.map.relocation import contradicted, relocated
-from panoloc_mcl.robot.map.survey_frame import SurveyFrame
+from panoloc_mcl.robot.map.survey_frame import SurveyFrame, as_it_drifts, far_off_alone
 from panoloc_mcl.robot.map.survey_scale import SurveyScale
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.references import ReferencePanoramas, References, read_references
@@ -39,8 +39,8 @@ _FAR_IN_SPACINGS = 2.5
 _LEAST_SHARE = 0.6
 # What refinement errs by, however exact it claims to be: depths are those of a floor and a wall. Set on rendered references 1 m apart.
 _LEAST_SD_M, _LEAST_SD_RAD = 0.003, np.radians(0.05)
-# A weight from which on an edge supports its ends, and a given pose is borne out; and one that a drift leaves to most given poses.
-_SUPPORTS, _BORNE_OUT, _NOT_FAR_OFF = 0.5, 0.1, 0.01
+# A weight from which on an edge supports its ends, and a given pose is borne out.
+_SUPPORTS, _BORNE_OUT = 0.5, 0.1
 # Relative poses that miss each other by more than this share of the way round a triangle cannot mend anything: walls and a floor do not
 # describe the place, or its images are too coarse. Rendered halls and offices close to .01, images of a wood to .3.
 _MOST_CLOSURE = 0.1
@@ -146,7 +146,7 @@ class _Mending:
             return self._given(_NOT_CLOSED)
         self._judge_unfitting(lost, moved_anew)
         if not exact:
-            self._place_frame(solution)
+            self._place_frame()
         return self._result()
 
     def _most_closure(self, solution: Solution) -> float:
@@ -187,6 +187,7 @@ class _Mending:
             # The survey is the frame: it is not stretched to what images make of a height that was measured wrongly.
             self.edges = self.metres.of_survey(self.edges)
             solution = solve(self.poses, self.edges, priors)
+        solution, self.frame = as_it_drifts(solution, self.given, self._told(solution.poses))
         self.edges = solution.edges
         return solution, synthesizer, sufficient
 
@@ -235,8 +236,9 @@ class _Mending:
         """Poses of the graph, or the given ones where these are exact."""
         keep = np.zeros(len(self.poses), dtype=np.bool_)
         keep[list(moved_anew)] = True
-        lost = self._unsupported(solution)
-        keep[lost] = True
+        if self.frame is None:
+            # Where a survey drifts, ways from one reference to the next place those, too.
+            keep[self._unsupported(solution)] = True
         if exact:
             given = np.isnan(self.sds).any(axis=1) & (solution.prior_weights >= _BORNE_OUT)
             self.poses[given] = self.given[given]
@@ -260,11 +262,15 @@ class _Mending:
             else:
                 self.alone.add(index)
 
-    def _place_frame(self, solution: Solution) -> None:
+    def _told(self, poses: Float64) -> NDArray[np.bool_]:
+        """Which poses were given, and are not far off alone."""
+        known = ~np.isinf(self.sds).any(axis=1)
+        return np.asarray(known & ~far_off_alone(self.given, poses, self.edges))
+
+    def _place_frame(self) -> None:
         """Where the errors of given poses add up, the map keeps to where the survey began, not to its mean."""
-        told = (solution.prior_weights >= _NOT_FAR_OFF) & ~np.isinf(self.sds).any(axis=1)
-        self.frame = SurveyFrame.of_drift(self.given, self.poses, told)
         if self.frame is not None:
+            self.frame = SurveyFrame.of_drift(self.given, self.poses, self._told(self.poses)) or self.frame
             self.poses = self.frame.moved(self.poses)
             self.covariances = self.frame.turned(self.covariances) + self.frame.errors_at(self.poses[:, :2])
 

@@ -9,14 +9,16 @@ likely (restricted maximum likelihood, Patterson & Thompson 1971), and the frame
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve
 
-from panoloc_mcl.robot.geometry import compose, wrap_angle
+from panoloc_mcl.robot.geometry import between, compose, wrap_angle
+from panoloc_mcl.robot.map.keyframes import ODOMETRY, Edges
+from panoloc_mcl.robot.map.pose_graph import Priors, Solution, solve
 
 Float64 = NDArray[np.float64]
 
@@ -28,7 +30,11 @@ _CONVINCING = 8.0
 _BEGIN = np.log([0.02, np.radians(0.5), np.radians(0.5), 0.01])
 # Independent errors are not thought smaller than those of mended poses (see `mending`); others may be nothing.
 _LEAST, _MOST_SD = np.log([0.003, np.radians(0.05), 1e-6, 1e-6]), float(np.log(10.0))
-_ROUNDS = 4
+_ROUNDS, _SETTLED = 4, 0.1
+# A given pose is far off alone if it errs so many times as far as usual, by edges of this weight at least.
+_ALONE, _BORNE_OUT = 10.0, 0.5
+# What holds a map whose survey tells ways alone: its first pose, metres and radians.
+_HELD_M, _HELD_RAD = 1e-4, 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,11 +49,15 @@ class SurveyFrame:
         That position, as the map held it before.
     covariance : float64 (3, 3)
         Of ``move``.
+    sizes : float64 (4,)
+        Standard deviations of the survey's errors: independent ones of position and heading, metres and radians, and those that add up,
+        turns and steps, for the root of a metre.
     """
 
     move: Float64
     about: Float64
     covariance: Float64
+    sizes: Float64
 
     @classmethod
     def of_drift(cls, given: Float64, mended: Float64, told: NDArray[np.bool_]) -> Self | None:
@@ -67,16 +77,16 @@ class SurveyFrame:
         chosen = chosen[:: -(-len(chosen) // _MOST)]
         given, poses = given[chosen], mended[chosen]
         about = poses[0, :2].copy()
-        frame = cls(np.zeros(3), about, np.zeros((3, 3)))
         errors = _Errors(poses, _off(given, poses))
         independent, drifting = errors.sizes(drifts=False), errors.sizes(drifts=True)
         if errors.likelihood(drifting) < errors.likelihood(independent) + _CONVINCING:
             return None
+        frame = cls(np.zeros(3), about, np.zeros((3, 3)), np.exp(drifting))
         for _ in range(_ROUNDS):
             # Turns are not small: effects are worked out anew where the frame has come to lie.
             moved = frame.moved(poses)
             step, covariance = _Errors(moved, _off(given, moved)).frame(drifting)
-            frame = cls(frame.move + step, about, covariance)
+            frame = replace(frame, move=frame.move + step, covariance=covariance)
         return frame
 
     def moved(self, poses: Float64) -> Float64:
@@ -95,6 +105,20 @@ class SurveyFrame:
         effects = _of_frame(positions - self.about - self.move[:2])
         return np.asarray(effects @ self.covariance @ np.swapaxes(effects, 1, 2))
 
+    def as_odometry(self, given: Float64, told: NDArray[np.bool_]) -> Edges:
+        """What such a survey tells: the way from each reference to the next one, given poses (n, 3) in the order of the survey."""
+        chosen = np.flatnonzero(told)
+        pairs = np.column_stack([chosen[:-1], chosen[1:]])
+        ways = between(given[pairs[:, 0]], given[pairs[:, 1]])
+        lengths = np.hypot(*ways[:, :2].T)
+        single_m, single_rad, turn, walk = np.square(self.sizes)
+        covariances = np.zeros((len(pairs), 3, 3))
+        # A turn on the way shifts what is ahead to the side, by half of the way on the mean.
+        covariances[:, 2, 2] = 2.0 * single_rad + turn * lengths
+        for axis in range(2):
+            covariances[:, axis, axis] = 2.0 * single_m + walk * lengths + covariances[:, 2, 2] * np.square(0.5 * lengths)
+        return Edges.of(pairs, ways, covariances, ODOMETRY)
+
     @property
     def note(self) -> str:
         """What the user should know."""
@@ -103,6 +127,65 @@ class SurveyFrame:
             "errors of the given poses add up from one reference to the next, as of dead reckoning: the map keeps to the first ones, "
             f"which tell where it lies to {100.0 * float(sds[:2].max()):.1f} cm and {np.degrees(sds[2]):.2f} degrees"
         )
+
+
+def far_off_alone(given: Float64, poses: Float64, edges: Edges) -> NDArray[np.bool_]:
+    """Given poses that err against those of their neighbours far more than is usual, bool (n,); a drift errs little there.
+
+    Parameters
+    ----------
+    given, poses : float64 (n, 3)
+        As surveyed, and as images have them.
+    edges : Edges
+        Who is whose neighbour; those that the others bear out count. Of a pose without any nobody knows, and it is believed.
+    """
+    edges = edges.chosen(edges.weights >= _BORNE_OUT)
+    first, second = np.concatenate([edges.first, edges.second]), np.concatenate([edges.second, edges.first])
+    miss = (between(given[first], given[second]) - between(poses[first], poses[second]))[:, :2]
+    misses, off = np.hypot(*miss.T), np.full(len(given), np.nan)
+    for index in np.unique(first):
+        off[index] = np.median(misses[first == index])
+    known = np.isfinite(off)
+    return np.asarray(known & (off > _ALONE * np.median(off[known]))) if known.any() else known
+
+
+def as_it_drifts(solution: Solution, given: Float64, told: NDArray[np.bool_]) -> tuple[Solution, SurveyFrame | None]:
+    """Where errors of given poses add up, these tell the way from each reference to the next, and no longer where each is.
+
+    As places they would bend the map: far parts of a survey that drifts contradict the images between them.
+
+    Parameters
+    ----------
+    solution : Solution
+        Of edges between images, and of given poses as places.
+    given : float64 (n, 3)
+    told : bool (n,)
+        As `SurveyFrame.of_drift`.
+
+    Returns
+    -------
+    solution : Solution
+        The same where no errors add up. Otherwise it lies where the first given pose is.
+    frame : SurveyFrame or None
+    """
+    frame = SurveyFrame.of_drift(given, solution.poses, told)
+    if frame is None:
+        return solution, None
+    sds = np.full((len(given), 2), np.inf)
+    sds[np.flatnonzero(told)[0]] = _HELD_M, _HELD_RAD
+    held, images = Priors(given, sds, robust=False), np.arange(len(solution.edges))
+    found: Solution = solution
+    better: SurveyFrame | None = frame
+    # How large its errors are shows once they no longer bend the map.
+    for _ in range(_ROUNDS):
+        found = solve(found.poses, solution.edges.joined(frame.as_odometry(given, told)), held)
+        better = SurveyFrame.of_drift(given, found.poses, told)
+        if better is None or np.abs(np.log(better.sizes / frame.sizes))[2:].max() < _SETTLED:
+            break
+        frame = better
+    return replace(
+        solution, poses=found.poses, covariances=found.covariances, edges=found.edges.chosen(images)
+    ), better or frame
 
 
 class _Errors:
