@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import connected_components
 
 from panoloc_mcl.robot.geometry import wrap_angle
 from panoloc_mcl.robot.map.pairs import neighbour_pairs
-from panoloc_mcl.robot.map.turns import PairScores, likeliest_headings, pair_scores
+from panoloc_mcl.robot.map.turns import PairScores, likeliest_headings, pair_scores, turns_at
 from panoloc_mcl.robot.observation.scale import references_at
 from panoloc_mcl.robot.progress import Progress, no_progress
 from panoloc_mcl.robot.references import ReferencePanoramas, References, read_references
@@ -169,20 +169,13 @@ def _best_turn(scores: PairScores, headings: Float64) -> tuple[float, float]:
     """The common turn that pairs tell, and its standard deviation: by leaving out one reference after the other (jackknife)."""
     turns = np.arange(0.0, 2.0 * np.pi, _STEP)
     of_pairs = scores.by_common_turn(headings, turns)
-    best, asked = _peak(of_pairs.sum(axis=0)), np.unique(scores.pairs)
-    left = [(scores.pairs != one).all(axis=1) for one in asked]
-    if not all(some.any() for some in left):
+    left = np.array([(scores.pairs != one).all(axis=1) for one in np.unique(scores.pairs)])
+    sums = np.array([of_pairs.sum(axis=0), *(of_pairs[some].sum(axis=0) for some in left)])
+    best, *without = turns_at(sums, sums.argmax(axis=1)).tolist()
+    if not left.any(axis=1).all():
         return best, np.inf
-    off = wrap_angle(np.array([_peak(of_pairs[some].sum(axis=0)) for some in left]) - best)
+    off = wrap_angle(np.array(without) - best)
     return best, float(np.hypot(np.sqrt((len(off) - 1) * np.var(off)), _LEAST_SD))
-
-
-def _peak(values: Float64) -> float:
-    """Where values at all turns are largest, to fractions of a step, radians."""
-    best, count = int(values.argmax()), len(values)
-    before, here, after = values[[best - 1, best, (best + 1) % count]]
-    bend = before - 2.0 * here + after
-    return float(wrap_angle(2.0 * np.pi / count * (best + (0.5 * (before - after) / bend if bend < 0.0 else 0.0))))
 
 
 def _thinned(positions: Float64, apart: float) -> Int64:

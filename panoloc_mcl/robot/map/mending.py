@@ -1,7 +1,8 @@
 """Mending: poses of references that their images bear out, whatever the survey said.
 
-Round by round: depths from the poses reached, relative poses of neighbours by refinement, a robust pose graph with the given poses as
-priors. References that no neighbour fits are looked for elsewhere, and placed anew or left out. It ends when nothing moves.
+Round by round: depths from the poses reached, relative poses of neighbours by refinement, a robust pose graph with the given poses
+as priors (of a survey that drifts: the ways between them). References that no neighbour fits are looked for elsewhere, and placed anew
+or left out. It ends when nothing moves.
 """
 
 from __future__ import annotations

@@ -254,11 +254,19 @@ def _labels(pairs: Int64, leads: Float64, table: Callable[[int], Float32], prior
 def _turns_near(by_turn: Float32, turns: Float64, every: Float64) -> Float64:
     """The best turn of each pair around one that is known roughly, to fractions of a column."""
     near = np.abs(wrap_angle(every[None] - turns[:, None])) <= _OTHER_TURN
-    best, rows, count = np.where(near, by_turn, -np.inf).argmax(axis=1), np.arange(len(turns)), len(every)
-    before, here, after = (by_turn[rows, (best + step) % count].astype(np.float64) for step in (-1, 0, 1))
+    return turns_at(by_turn, np.where(near, by_turn, -np.inf).argmax(axis=1))
+
+
+def turns_at(values: NDArray[np.floating], best: Int64) -> Float64:
+    """Where values at turns all around the circle, (m, k), are largest about the column ``best`` (m,) of each, radians (m,).
+
+    Fractions of a column are those of a parabola through the neighbours.
+    """
+    rows, count = np.arange(len(values)), values.shape[1]
+    before, here, after = (values[rows, (best + step) % count].astype(np.float64) for step in (-1, 0, 1))
     bend = before - 2.0 * here + after
     part = np.where(bend < 0.0, 0.5 * (before - after) / np.where(bend < 0.0, bend, 1.0), 0.0)
-    return np.asarray(wrap_angle(every[best] + 2.0 * np.pi / count * np.clip(part, -0.5, 0.5)))
+    return np.asarray(wrap_angle(2.0 * np.pi / count * (best + np.clip(part, -0.5, 0.5))))
 
 
 def refined(pairs: Int64, turns: Float64, weights: Float64, start: Float64, sds: Float64) -> tuple[Float64, float]:

@@ -34,8 +34,8 @@ def test_both_headings_of_a_pair_are_found(pair, threads: int) -> None:
     assert turn in (71, 0, 1)
 
 
-def test_nothing_is_found_where_no_heading_is_likely(pair) -> None:
-    # The images as they are, but the first is said to be turned by half a turn, and known to 11 degrees.
+def test_headings_that_are_not_likely_are_not_tried(pair) -> None:
+    # The heading of the first is known to 11 degrees.
     scores = pair_scores(pair, np.array([[0, 1]]), VotesSettings(), np.radians([11.0, EVERYWHERE]))
     at = 2.0 * np.pi * np.arange(24) / 24
     # Within three standard deviations and one step.
